@@ -1,4 +1,4 @@
-"""Where the actors of a robot live: ``strands/<robot>/actor/<path>``."""
+"""Addresses of the actors of a robot: ``strands/<robot>/actor/<path>``."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ class Addresses:
         self.standby = self.address("standby")
 
     def path(self, name: str) -> str:
-        """As ``Node.cell`` takes it."""
+        """Return the path of an actor, for ``Node.cell``."""
         return f"{self._robot}/actor/{name}"
 
     def introspection(self, process: str) -> str:

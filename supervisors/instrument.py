@@ -1,11 +1,12 @@
-"""What a recorder gets to see: all that the actors of a process take up, answer and tell, in order.
+"""Record what the actors of a process receive, answer and send, in order.
 
-While nobody records, the node has no instrument and the actors pay an ``if``. A recorder attaches
-over the mesh; then a journal notes what happens, and a task beside the actors ships it in numbered
-batches, of which only a few may be on the way: a recorder that is slow, frozen or dead fills the
-journal, which is bounded, and nothing else. What did not fit is counted. After such a gap, as at
-the beginning, the journal goes on from the whole memory of the actors, so that a replay can start
-there.
+While there is no recorder, the node has no instrument, and the actors pay one ``if``. A recorder attaches over
+the mesh. Then a journal notes the events, and a task next to the actors sends them in numbered batches.
+
+Theory. A recorder must never delay the actors. Only a few batches may be unacknowledged, and the journal is
+bounded. So a slow, frozen or dead recorder fills the journal and has no other effect. Entries that do not fit
+are counted. After such a gap, as at the beginning, the journal continues from the whole memory of the actors,
+so that a replay can start there.
 """
 
 from __future__ import annotations
@@ -25,41 +26,40 @@ from strands_actors.kernel.messages import Message, Refused
 from strands_actors.kernel.refusals import Code
 
 FORMAT = 1
-"""Of the journal. A recorder that knows another one is refused."""
+"""The format of the journal. A recorder with another format is refused."""
 
 PERIOD_S = 0.02
-"""How long an entry waits at most before it is shipped; a stop and what follows from it is shipped
-at once."""
+"""The longest time that an entry waits (s). A stop and its results are sent at once."""
 CAPACITY = 8192
-"""Entries that wait for a recorder: some ten seconds of an arm at 50 Hz."""
+"""The most entries that wait for a recorder: some ten seconds of an arm at 50 Hz."""
 BATCH_BYTES = 16 * 1024
 ENTRY_BYTES = 48 * 1024
-"""A longer one does not fit into a frame, and is a gap."""
+"""The longest entry. A longer one does not fit into a frame, and becomes a gap."""
 WINDOW = 4
-"""Batches on the way that the recorder has not acknowledged. What a frozen one leaves unread is no
-more than a socket holds, so that sending never waits for it."""
+"""The most batches without acknowledgement. A frozen recorder leaves so few unread that a socket holds them, so
+sending never waits for it."""
 STILL_THERE_S = 0.25
-"""A batch is sent at least so often, empty if need be."""
+"""The longest pause between batches (s). An empty one is sent if there are no entries."""
 SILENT_S = 2.0
-"""A recorder that has acknowledged nothing for so long is given up."""
+"""Seconds without an acknowledgement after which a recorder is given up."""
 
 
 class Kind(enum.IntEnum):
-    TOOK = 0  # a message was taken up
+    TOOK = 0  # the actor began to handle a message
     ANSWERED = 1
     DEFERRED = 2  # the answer comes later, under ``number``
     SETTLED = 3  # the answer of ``number``
-    SENT = 4  # a tell, to the actor ``to``
-    SAW = 5  # what the handler read of the world beside its message
-    REFUSED = 6  # by the kernel: a message of the type ``to`` that the actor never read
-    NOTED = 7  # an event that no message tells
-    MEMORY = 8  # all that the actor's decisions depend on, and (``number``) how many answers it has deferred
+    SENT = 4  # a message by ``tell``, to the actor ``to``
+    SAW = 5  # a value that the handler read from outside of its message
+    REFUSED = 6  # the kernel refused a message of the type ``to`` before the actor read it
+    NOTED = 7  # an event without a message
+    MEMORY = 8  # everything that the actor's decisions depend on; ``number`` of deferred answers so far
     GAP = 9  # ``number`` entries are missing
 
 
 class Entry(msgspec.Struct, frozen=True, array_like=True, gc=False):
-    """One line of a journal. ``at_ns``: CLOCK_MONOTONIC, of what has a time of its own; what an
-    actor makes of a message follows it without one."""
+    """One line of a journal. ``at_ns`` (CLOCK_MONOTONIC) is the time of an event. It is 0 for the results of a
+    message, which follow that message."""
 
     kind: Kind
     actor: str
@@ -70,23 +70,31 @@ class Entry(msgspec.Struct, frozen=True, array_like=True, gc=False):
 
 
 class Attach(Message, frozen=True):
-    """Send me batches, in place of those of my last session. ``to``: the recorder's address."""
+    """Begin to send batches to a recorder. This replaces its last session.
+
+    Attributes:
+        to: The recorder's address.
+        session: The number of the session.
+        by: The name of the recorder.
+        format: Its format of the journal.
+        pid: Its process id.
+    """
 
     to: str
     session: int
     by: str
     format: int = FORMAT
-    pid: int = 0  # of the recorder's process
+    pid: int = 0
 
 
 class Attached(Message, frozen=True):
-    driver: dict[str, Any]  # as it travels between processes: class, robot, port, options
+    driver: dict[str, Any]  # class, robot, port and options (``loading.describe_driver``)
     axes: tuple[str, ...]
     unit: str
 
 
 class Taken(Message, frozen=True):
-    """Another recorder has the robot. ``pid``: its process, as it says itself."""
+    """Another recorder is attached to the robot. ``pid`` is its process id, as reported by itself."""
 
     by: str
     pid: int
@@ -97,8 +105,7 @@ class Taken(Message, frozen=True):
 
 
 class Batch(Message, frozen=True):
-    """``entries``: each an encoded ``Entry``. Empty when there is nothing to tell but that we
-    live."""
+    """Encoded entries (``Entry``). An empty batch is a sign of life."""
 
     session: int
     number: int
@@ -106,7 +113,7 @@ class Batch(Message, frozen=True):
 
 
 class Acknowledge(Message, frozen=True):
-    """All batches up to this one have been read."""
+    """The recorder has read all batches up to this one."""
 
     lane = "latest"
 
@@ -115,7 +122,7 @@ class Acknowledge(Message, frozen=True):
 
 
 class Detach(Message, frozen=True):
-    """Answered when the rest has been sent and acknowledged. Refused when it cannot be: the session
+    """End a session. The answer comes when all entries were sent and acknowledged, or a refusal if the session
     is over."""
 
     session: int
@@ -137,8 +144,13 @@ _Line = tuple[Kind, str, int, int, str, object]
 
 
 class Journal:
-    """A ``Instrument`` that keeps what the named actors do. ``dull``: messages not worth a line.
-    ``remember`` gives the memories to go on from, as (actor, deferrals, memory)."""
+    """An ``Instrument`` that stores the events of some actors.
+
+    Args:
+        names: The names of the actors, by address.
+        dull: Message types that are left out.
+        remember: Returns the memories to continue from, as (actor, deferrals, memory).
+    """
 
     def __init__(
         self,
@@ -152,7 +164,7 @@ class Journal:
         self._lines: deque[_Line] = deque()
         self._missing = 0
         self.hurry = trio.Event()
-        """Set by what a recorder should hear of at once."""
+        """Set by events that are sent at once."""
 
     @property
     def empty(self) -> bool:
@@ -197,18 +209,18 @@ class Journal:
         self._add(Kind.NOTED, address, at_ns, 0, "", message)
         self.hurry.set()
 
-    # -- for who ships it
+    # -- for the task that sends the entries
 
     def begin(self, now_ns: int) -> None:
-        """Go on from the actors' memories as they are now: encoded at once, since they change."""
+        """Add the present memories of the actors. They are encoded at once, since they change."""
         for actor, deferrals, memory in self._remember():
             body = encode(memory)
-            if len(body) <= ENTRY_BYTES // 2:  # without one a replay compares nothing up to the next
+            # Without a memory a replay compares nothing until the next one.
+            if len(body) <= ENTRY_BYTES // 2:
                 self._lines.append((Kind.MEMORY, actor, now_ns, deferrals, "", msgspec.Raw(body)))
 
     def take(self, now_ns: int) -> tuple[msgspec.Raw, ...]:
-        """Return the next encoded entries, as many as one batch may carry; none when there are
-        none."""
+        """Return the next encoded entries, up to the size of a batch."""
         taken: list[msgspec.Raw] = []
         size = 0
         while size < BATCH_BYTES:
@@ -232,7 +244,7 @@ class Journal:
 
 
 class _RecorderSession:
-    """One recorder, and how far it has come."""
+    """The session of one recorder, with its progress."""
 
     def __init__(self, attach: Attach, journal: Journal, now_ns: int) -> None:
         self.id = attach.session
@@ -244,7 +256,7 @@ class _RecorderSession:
         self.sent = 0
         self.sent_ns = 0
         self.acknowledged = 0
-        self.unsent: Batch | None = None  # nobody hosted the recorder's address just then
+        self.unsent: Batch | None = None  # the recorder's address was not hosted at that time
         self.leaving: Deferred | None = None
 
     @property
@@ -253,9 +265,15 @@ class _RecorderSession:
 
 
 class InstrumentKeeper(Actor):
-    """One in each process that can be recorded; one recorder at a time. ``names``: whom it listens
-    to, by address. ``attached``: what it tells a recorder of the robot. ``remember``: see
-    ``Journal``."""
+    """The actor that a recorder attaches to, one in each process that can be recorded. It serves one recorder
+    at a time.
+
+    Args:
+        names: The names of the recorded actors, by address.
+        attached: The description of the robot for the recorder.
+        remember: See ``Journal``.
+        dull: See ``Journal``.
+    """
 
     def __init__(
         self,
@@ -269,11 +287,11 @@ class InstrumentKeeper(Actor):
         self._remember = remember
         self._dull = dull
         self._session: _RecorderSession | None = None
-        self._given_up = 0  # the last session that was ended with a rest unsent
+        self._given_up = 0  # the last session that ended with unsent entries
 
     @property
     def recorder_pid(self) -> int:
-        """Return the process that records, as it says itself; 0: there is none."""
+        """Return the process id of the recorder, as reported by itself, or 0."""
         return 0 if self._session is None else self._session.pid
 
     def receive(
@@ -314,8 +332,11 @@ class InstrumentKeeper(Actor):
         return session.leaving
 
     def _good_bye(self, session: int) -> Detached | Refused:
-        """Return the answer to who leaves a session that is over. One that was given up has not had the
-        rest: it is told, else it would call its file whole."""
+        """Return the answer to a recorder that leaves a session which is over.
+
+        A recorder that was given up has not received the last entries. It gets a refusal, so that it does not
+        call its file whole.
+        """
         if session != self._given_up:
             return Detached()
         why = "the robot has given the recording up, and the rest was not sent"
@@ -326,8 +347,11 @@ class InstrumentKeeper(Actor):
             self.context.node.instrument = None
 
     async def _ship(self, session: _RecorderSession) -> None:
-        """Beside the actors. A failure in here ends the recording, never the process: the recorder
-        sees that nothing comes any more, and says so in its file."""
+        """Send the entries, in a task next to the actors.
+
+        A failure here ends the recording and never the process. The recorder notices the silence, and notes it
+        in its file.
+        """
         journal = session.journal
         try:
             while self._session is session and not (session.leaving is not None and session.done):
@@ -365,5 +389,5 @@ class InstrumentKeeper(Actor):
 
 
 def name_of(address: str) -> str:
-    """Return how a journal calls an actor: ``gate`` for ``strands/so101/actor/gate``."""
+    """Return the name of an actor in a journal: ``gate`` for ``strands/so101/actor/gate``."""
     return address.rpartition("/actor/")[2]

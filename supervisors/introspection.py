@@ -1,5 +1,4 @@
-"""Each process answers which actors it hosts, and (when faults are allowed) breaks itself on
-request."""
+"""Report the actors of a process, and break the process on request when faults are allowed."""
 
 from __future__ import annotations
 
@@ -19,8 +18,7 @@ ALLOW_FAULTS = "STRANDS_ACTORS_ALLOW_FAULTS"
 
 
 class Break(Message, frozen=True):
-    """For tests and drills: break this process the named way. ``how``: exception, exit, spin or
-    leak."""
+    """Break this process, for tests and drills. ``how`` is ``exception``, ``exit``, ``spin`` or ``leak``."""
 
     lane = "urgent"
 
@@ -28,13 +26,16 @@ class Break(Message, frozen=True):
 
 
 class Broken(BaseException):
-    """What a process was asked to end by. No supervisor contains it, as it would any other
-    exception."""
+    """The exception by which a process ends on request. Supervisors contain other exceptions, but not this one."""
 
 
 def fall(how: str) -> None:
-    """Break on purpose: ``exception``, ``exit``, ``spin`` (which does not return) or ``leak`` (which
-    takes every file that is free, until a stop begins). Anything else does nothing."""
+    """Break this process on purpose.
+
+    Args:
+        how: ``exception``, ``exit``, ``spin`` (which does not return) or ``leak`` (which takes every free file
+            until a stop begins). Any other value does nothing.
+    """
     if how == "exception":
         raise RuntimeError("a fault was asked for")
     if how == "exit":

@@ -1,4 +1,4 @@
-"""A driver travels between processes as plain data, and is built anew in each."""
+"""Pass a driver between processes as plain data, and build it in each of them."""
 
 from __future__ import annotations
 
@@ -19,14 +19,17 @@ def describe_driver(driver_class: type[Driver], robot: str, port: str, options: 
 
 
 def without_secrets(description: dict[str, Any], driver_class: type[Driver]) -> dict[str, Any]:
-    """Return a description for who is not to know the robot's passwords: a recorder."""
+    """Return a description without the robot's passwords, for a recorder."""
     options = {name: value for name, value in description["options"].items() if name not in driver_class.SECRETS}
     return {**description, "options": options}
 
 
 def build_driver(driver_class: type[Driver], robot: str, port: str, options: Mapping[str, Any]) -> Driver:
-    """Return the driver of a robot. Raise ``ValueError`` when its fallbacks are incomplete, or they or
-    those of its conditions misspelt."""
+    """Return the driver of a robot.
+
+    Raises:
+        ValueError: Its fallbacks are incomplete, or a safe state of them or of its conditions is unknown.
+    """
     driver = driver_class(robot, port, options)
     driver.fallbacks = check_fallbacks(driver.robot, driver.fallbacks)
     driver.conditions = check_conditions(driver.robot, driver.conditions)
@@ -34,7 +37,7 @@ def build_driver(driver_class: type[Driver], robot: str, port: str, options: Map
 
 
 def load_driver(description: dict[str, Any]) -> Driver:
-    """Return the driver that a description names, with what it needs imported."""
+    """Build the driver of a description, and import the modules that it needs."""
     driver_class = load(description["class"])
     driver = build_driver(driver_class, description["robot"], description["port"], description["options"])
     if "drill" in description:
@@ -44,16 +47,18 @@ def load_driver(description: dict[str, Any]) -> Driver:
 
 
 def import_ours(description: dict[str, Any]) -> None:
-    """Import what ``load_driver`` will need, if the driver is one of this package's: a process that is
-    about to fork spares its children that, half of what they compute until they serve. Others' modules
-    may start threads, and who has threads must not fork."""
+    """Import the modules for ``load_driver``, if the driver is part of this package.
+
+    A process calls it before it forks, and so saves its children half of the computing until they serve.
+    Modules from elsewhere may start threads, and a process with threads must not fork.
+    """
     if description["class"].startswith(OURS):
         load_driver(description)
 
 
 def requires_drill(until_ns: int, reason: str, remedy: str) -> GateCheck:
-    """Refuses every setpoint from ``until_ns`` on: there is no certificate of a stop drill, or it
-    is too old."""
+    """Return a gate that refuses every setpoint from ``until_ns`` on, because the certificate of a stop drill
+    is missing or too old."""
 
     def requires_drill(candidate: Candidate, state: GateState) -> Refused | None:
         return None if state.now_ns < until_ns else Refused(Code.NO_DRILL, reason, remedy)

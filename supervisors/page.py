@@ -28,7 +28,7 @@ _BY_SEVERITY = tuple(SafeState)
 
 
 class Owed:
-    """The words of the page about what a robot still needs.
+    """The words of the page that say which orders and requests of a robot are still open.
 
     Args:
         words: The shared page; None for a private one.
@@ -38,7 +38,7 @@ class Owed:
         page = private_page() if words is None else words
         self._owed = Word(page, _OWED)
         self._silent = Word(page, _SILENT)
-        self._ordered = Word(page, _ORDERED)  # a severity; 0 for none, or for the mildest
+        self._ordered = Word(page, _ORDERED)  # a severity; 0 without an order, or for the mildest state
         self._stopped = Word(page, _STOPPED)
         self._wire_pid = Word(page, _WIRE_PID)
         # Negative: a request is running, and may take effect so long after a cut-off.
@@ -57,7 +57,7 @@ class Owed:
 
     @property
     def silent_until_ns(self) -> int:
-        """Until then the wire may send no heartbeat, because an SDK keeps the interpreter's lock."""
+        """The wire may send no heartbeat until this time, because an SDK keeps the interpreter's lock."""
         return self._silent.get()
 
     @silent_until_ns.setter
@@ -75,8 +75,8 @@ class Owed:
 
     @property
     def wire_pid(self) -> int:
-        """Process id of the wire that was started last; 0 if there is none, or it has ended. The root
-        writes it here, since it may end before it has sent it to the standby."""
+        """Process id of the wire that was started last; 0 if no wire runs. The root writes it here, since it
+        may end before it has sent it to the standby."""
         return self._wire_pid.get()
 
     @wire_pid.setter

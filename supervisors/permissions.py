@@ -2,13 +2,13 @@
 
     sender                                 may send
     root, wire, standby, cameras           their own messages, over their own links only
-    policy process                         what a rollout needs (it runs user code)
-    caller, by the secret of its session   what an operator may order
+    policy process                         the messages of a rollout (it runs user code)
+    caller, by the secret of its session   the orders of an operator
     visitor, by the run directory          questions, stops and resumes, but no motion
     other host                             questions to the gateway, and stops
 
-The root knows which process is at the other end of a link, since it has started it. The wire has a
-session for policies (``policy_access``).
+The root knows which process is at the other end of a link, since it has started it. The wire has a session for
+policies (``policy_access``).
 """
 
 from __future__ import annotations
@@ -54,33 +54,32 @@ def _of(robot: str, process: str, names: tuple[str, ...], instruments: bool = Tr
 
 
 def of_wire(robot: str) -> Channel:
-    """Return the channel whose other end is the wire process."""
+    """Return the permissions of the wire process."""
     hosts = _of(robot, "wire", ("gate", "watchdog", "transport"))
     return Channel("", hosts, f"{PREFIX}/node/{robot}.wire.")
 
 
 def of_root(robot: str) -> Channel:
-    """Return the channel whose other end is the root process."""
+    """Return the permissions of the root process."""
     names = ("guardian", "root", "tasks", "safety", "commands", "telemetry", "pictures", "gateway", "gateway/stop")
     return Channel("", _of(robot, "root", names), f"{PREFIX}/node/{robot}.root.")
 
 
 def of_standby(robot: str) -> Channel:
-    """Return the channel whose other end is the standby process. It only sends replies."""
+    """Return the permissions of the standby process. It only sends replies."""
     hosts = _of(robot, "standby", ("standby",), instruments=False)
     return Channel("", hosts, f"{PREFIX}/node/{robot}.standby.", {})
 
 
 def of_camera(robot: str, name: str) -> Channel:
-    """Return the channel whose other end is a camera's process. It only sends replies."""
+    """Return the permissions of a camera's process. It only sends replies."""
     process = f"camera/{name}"
     hosts = _of(robot, process, (process,), instruments=False)
     return Channel("", hosts, f"{PREFIX}/node/{robot}.camera.{name}.", {})
 
 
 def of_policy(robot: str, name: str) -> Channel:
-    """Return the channel whose other end is a policy process, for the root and the wire. Its leases are
-    bound to ``name``."""
+    """Return the permissions of a policy process, for the root and the wire. Its leases are bound to ``name``."""
     at = addresses.of(robot)
     tells: dict[str, Told] = {at.gate: WRITES, at.tasks: frozenset({TaskStatus, EpisodeKey})}
     return Channel(
@@ -89,8 +88,8 @@ def of_policy(robot: str, name: str) -> Channel:
 
 
 def of_caller(robot: str, node: str) -> Channel:
-    """Return the channel whose other end is the process that started the tree: its link, and its session,
-    which needs a secret. ``node`` is the address of its node. A policy object may run there."""
+    """Return the permissions of the process that started the tree, over its link, and over its session, which
+    needs a secret. ``node`` is the address of its node. A policy object may run there."""
     at = addresses.of(robot)
     tells: dict[str, Told] = dict.fromkeys((at.root, at.tasks))
     tells |= {at.gate: COMMANDS, at.guardian: frozenset({Fence})}
@@ -98,7 +97,7 @@ def of_caller(robot: str, node: str) -> Channel:
 
 
 def of_user(robot: str) -> Channel:
-    """Return the channel of visitors: programs of the same user that connect to a socket of the run
+    """Return the permissions of visitors: programs of the same user that connect to a socket of the run
     directory, under any name. They get no lease, and end neither the tree nor a task."""
     at = addresses.of(robot)
     tells: dict[str, Told] = {at.gate: ORDERS, at.guardian: frozenset({Fence}), at.root: frozenset({Describe})}
@@ -127,11 +126,11 @@ def _inside(robot: str) -> dict[str, Told]:
 
 @functools.lru_cache(maxsize=64)  # needed for each setpoint
 def of_elsewhere(robot: str, who: str) -> Channel:
-    """Return the channel for questions of the node ``who`` to the gateway."""
+    """Return the permissions of the node ``who`` for questions to the gateway."""
     asks: frozenset[type[Message]] = READS | {Sync, Dated, Describe}
     return Channel(who, frozenset(), f"{PREFIX}/node/{who}", {addresses.of(robot).gateway: asks})
 
 
 def of_stops_elsewhere(robot: str) -> Channel:
-    """Return the channel for stops from other hosts, under any name."""
+    """Return the permissions for stops from other hosts, under any name."""
     return Channel(tells={addresses.of(robot).gateway_stop: frozenset({Stop})})

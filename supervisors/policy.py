@@ -1,10 +1,10 @@
-"""The policy actor turns observations into setpoints.
+"""The policy actor: it turns observations into setpoints.
 
-Inference runs in a worker thread, which may block or spin: the loop that sends setpoints does not
-wait for it. A chunk of actions is buffered and executed at the control rate while the next
-inference runs, which begins early enough to end before the buffer does, going by how long the last
-one took. When the policy is late all the same the buffer runs dry, the last setpoint expires, and
-the robot holds: nobody has to notice.
+Inference runs in a worker thread, which may block or spin. The loop that sends setpoints does not wait for it.
+A chunk of actions is buffered and sent at the control rate while the next inference runs. That inference begins
+early enough to end before the buffer is empty, judged by the duration of the last one. If the policy is late
+all the same, the buffer runs empty, the last setpoint expires, and the robot holds. No process has to notice
+the delay for that.
 """
 
 from __future__ import annotations
@@ -54,21 +54,25 @@ Infer = Callable[[dict[str, float], str], Sequence[Action]]
 
 ASK_S = 0.5
 ASK_EVERY_S = 0.01
-"""A stream whose period is shorter than this is *quick*. It waits for no answer, and asks for one to a
-setpoint in so long: the gate keeps a refusal of any other for then, and lets none pass after it.
+"""Period (s) below which a stream is *quick*. A quick stream waits for no answer. It requests an answer to one
+setpoint in this time. The gate keeps the refusal of any other setpoint for that answer, and accepts none
+after it.
 
-The answer to a setpoint of a quick stream also brings the observation for the next inference. That is
-one message and its answer a step, where an observation that is asked for by itself makes it two."""
+The answer to a setpoint of a quick stream also contains the observation for the next inference. That is one
+message and one answer for each step. A separate request for the observation would make it two.
+"""
 
 MARGIN = 1.5
-"""How much longer than the last an inference may take before the buffer runs dry."""
+"""Factor on the duration of the last inference that the next one may take before the buffer is empty."""
 
 
 class Buffer:
-    """Actions to be sent, one a period; it is ``low`` when an inference has to begin: what is left
-    lasts no longer than ``MARGIN`` times the last one took, or is no more than half of what that
-    brought. Of a quick stream one action more is kept: a period is about as long as a thread may wait
-    for its turn."""
+    """Actions to be sent, one in each period.
+
+    The buffer is ``low`` when the next inference has to begin: when the rest lasts no longer than ``MARGIN``
+    times the last inference, or is at most half of what that inference returned. For a quick stream one more
+    action is kept, since its period is about as long as a thread may wait for a processor.
+    """
 
     def __init__(self, period_s: float) -> None:
         self._period_ns = period_s * NS
@@ -93,8 +97,14 @@ class Buffer:
 
 
 def as_infer(policy: Any) -> Infer:
-    """Any object with ``get_actions_sync``, ``get_actions``, ``.step(obs)``, or a callable, as one function
-    from (observation, instruction) to a chunk of actions. Raise ``TypeError`` for anything else."""
+    """Return a policy as one function from (observation, instruction) to a chunk of actions.
+
+    Args:
+        policy: An object with ``get_actions_sync``, ``get_actions`` or ``step``, or a callable.
+
+    Raises:
+        TypeError: The object is no policy.
+    """
     if callable(getattr(policy, "get_actions_sync", None)):
         return lambda observation, instruction: _chunk(policy.get_actions_sync(observation, instruction), policy)
     if callable(getattr(policy, "get_actions", None)):
@@ -110,12 +120,12 @@ def as_infer(policy: Any) -> Infer:
 
 
 def prepare(policy: Any, axes: Sequence[str], hz: float, table: Sequence[Axis] = ()) -> None:
-    """Tell a policy of the drivers page's interface what it is to drive, as far as it wants to
-    know."""
+    """Give a policy the axes and the control rate of its robot, where it has the setters of the drivers page's
+    interface, and reset it."""
     if not hasattr(policy, "get_actions") and not hasattr(policy, "get_actions_sync"):
         return
-    told = (("set_robot_state_keys", list(axes)), ("set_control_frequency", hz), ("set_robot_axes", table))
-    for setter, value in told:
+    settings = (("set_robot_state_keys", list(axes)), ("set_control_frequency", hz), ("set_robot_axes", table))
+    for setter, value in settings:
         if callable(tell := getattr(policy, setter, None)):
             tell(value)
     if callable(reset := getattr(policy, "reset", None)):
@@ -123,10 +133,13 @@ def prepare(policy: Any, axes: Sequence[str], hz: float, table: Sequence[Axis] =
 
 
 def _chunk(result: Any, policy: Any = None) -> Sequence[Action]:
-    """``policy``: one that blends each chunk into the last (``supports_rtc``) wants no more of it
-    executed than its ``execution_horizon``; of any other the whole chunk is."""
+    """Return the chunk of actions in the result of a policy.
+
+    Of a policy that blends each chunk into the last one (``supports_rtc``), only the first
+    ``execution_horizon`` actions are used. Of other policies the whole chunk is used.
+    """
     if inspect.isawaitable(result):
-        import asyncio  # 8 ms, for policies that want it
+        import asyncio  # imported here, since it takes 8 ms and few policies need it
 
         result = asyncio.run(_await(result))
     if isinstance(result, Mapping):
@@ -142,7 +155,7 @@ async def _await(result: Any) -> Any:
 
 
 def _untold(count: int) -> None:
-    """A policy that does not ask how many actions of its last chunk are still to be executed."""
+    """Do nothing: this policy does not use the number of remaining actions."""
 
 
 class _Tick(Message, frozen=True):
@@ -152,7 +165,7 @@ class _Tick(Message, frozen=True):
 
 
 class Policy(Actor):
-    """One rollout. Tells ``report`` its status as it goes, and once more when it has ended."""
+    """One rollout. It calls ``report`` with its status during the rollout, and once at its end."""
 
     def __init__(
         self,
@@ -163,8 +176,16 @@ class Policy(Actor):
         ask_s: float = ASK_S,
         failed: Callable[[Exception], object] = lambda error: None,
     ) -> None:
-        """``gate``: of a robot on another host. ``ask_s``: how long it may take to answer.
-        ``failed``: is told what the policy raised."""
+        """Prepare a rollout.
+
+        Args:
+            rollout: Its settings.
+            make: Makes the policy, in the worker thread.
+            report: Called with each status.
+            gate: The gate of a robot on another host. By default that of this robot.
+            ask_s: Seconds to wait for an answer of the gate.
+            failed: Called with an exception of the policy.
+        """
         self._failed = failed
         self._rollout = rollout
         self._gate_given = gate
@@ -180,9 +201,9 @@ class Policy(Actor):
         self._ask_every = max(1, round(ASK_EVERY_S / rollout.period_s))
         self._is_quick = self._ask_every > 1
         self._answer_is_due = False
-        self._is_waiting = False  # the next inference, for the buffer to be low
-        self._observation: Observation | None = None  # that an answer brought
-        self._brings: trio.Event | None = None  # set when the answer has come that brings one
+        self._is_waiting = False  # True while the next inference waits for a low buffer
+        self._observation: Observation | None = None  # from an answer to a setpoint
+        self._brings: trio.Event | None = None  # set when the answer with an observation has come
         self._began_ns = 0
         self._last_ns = 0
         self._ended: TaskStatus | None = None
@@ -248,21 +269,24 @@ class Policy(Actor):
             self._report(self._status())
 
     async def _ask_for_a_while(self, setpoint: Setpoint) -> bool:
-        """As ``_ask``, but an answer that takes longer than half a period, or any of a quick stream, does
-        not hold the stream up: the next setpoints are told, and a refusal ends the rollout when it
-        comes."""
+        """Send a setpoint and wait for its answer for half a period at most. A quick stream does not wait at
+        all.
+
+        A later answer does not delay the stream: the next setpoints are sent without one, and a refusal ends
+        the rollout when it comes.
+        """
         self._answer_is_due = True
-        heard = trio.Event()
+        answered = trio.Event()
 
         async def ask() -> None:
             await self._ask(setpoint)
             self._answer_is_due = False
-            heard.set()
+            answered.set()
 
         self.context.start_soon(ask)
         if not self._is_quick:
             with trio.move_on_after(self._rollout.period_s / 2):
-                await heard.wait()
+                await answered.wait()
         return self._ended is None
 
     async def _ask_to_observe(self, setpoint: Setpoint, answered: trio.Event) -> None:
@@ -270,14 +294,15 @@ class Policy(Actor):
         answered.set()
 
     async def _ask(self, setpoint: Setpoint) -> bool:
-        """Send it. Return whether it was accepted; the rollout has ended if not."""
+        """Send a setpoint. Return True if it was accepted. Otherwise the rollout has ended."""
         try:
             answer = await self._gate.ask(setpoint, self._ask_s)
         except (AskTimeout, Unreachable) as failure:
             await self._end("publish", busy.explained(f"the gate does not answer: {failure}"))
             return False
         if isinstance(answer, Refused) and answer.code == SUPERSEDED.code:
-            return True  # the next one of ours was there before the gate had read this one: that one is judged
+            # The next setpoint came before the gate had read this one. The gate judges the newer one.
+            return True
         if isinstance(answer, Refused):
             reason = "stop" if answer.code in (Code.STALE_EPOCH, Code.DISARMED, Code.LOCKED_OUT) else "gate"
             await self._end(reason, answer.text, answer.code)
@@ -307,18 +332,21 @@ class Policy(Actor):
                             return
                         moving.enter_context(gc_freeze.left_alone())
                     self._buffer.add(chunk, self.context.clock.now_ns() - began_ns)
-                    self._wanted = trio.Event()  # the ticks meanwhile have asked for what is here now
+                    # The ticks meanwhile have requested the actions that are here now.
+                    self._wanted = trio.Event()
                     if not chunk:
                         await trio.sleep(self._rollout.period_s)
                     if self._buffer.low:
                         self._wanted.set()
-        except Exception as error:  # the user's code may raise anything: it ends the rollout, not the actor
+        # The user's code may raise anything. That ends the rollout and not the actor.
+        except Exception as error:
             _log.error("%s: its policy failed", self._rollout.robot, exc_info=error)
             self._failed(error)
             await self._end("policy", describe_failure(error))
 
     def _ready(self) -> tuple[Infer, Callable[[int], None]]:
-        """Return the policy as a function, and what it is told before each inference."""
+        """Return the policy as a function, and a function to call before each inference with the number of
+        remaining actions."""
         policy = self._make()
         infer = as_infer(policy)
         prepare(policy, self._rollout.axes, 1.0 / self._rollout.period_s, self._rollout.table)
@@ -345,7 +373,7 @@ class Policy(Actor):
         return Positions(zip(self._rollout.axes, observation.position, strict=True))
 
     async def _acquire(self) -> bool:
-        """Only when the first action is there: until then the robot is the caller's."""
+        """Acquire the lease when the first action is ready. Until then the robot belongs to the caller."""
         rollout = self._rollout
         async with self._acquiring:
             if self._ended is not None:
@@ -370,11 +398,12 @@ class Policy(Actor):
         self._ended = TaskStatus(
             False, status.steps, status.elapsed_s, reason, detail, refusal, status.instruction, status.hz
         )
-        async with self._acquiring:  # a lease that is on its way has to be given back too
+        # A lease that is on its way has to be released too.
+        async with self._acquiring:
             pass
         if self._lease is not None:
-            # The gate holds the robot where it is before it gives the lease back. If it does not
-            # answer the setpoint expires and the lease lapses, by themselves; the status says so.
+            # The gate holds the robot at its position before it releases the lease. If the gate does not
+            # answer, the setpoint expires and the lease lapses by themselves. The status reports that.
             try:
                 await self._gate.ask(Release(self._lease.id, self._keeps(reason)), self._ask_s)
             except (AskTimeout, Unreachable) as failure:
@@ -382,16 +411,16 @@ class Policy(Actor):
         self._report(self._ended)
 
     def _keeps(self, reason: str) -> bool:
-        """Return whether the last step stands: only when it was done."""
+        """Return True if the last setpoint stays in force: only after all steps."""
         return self._rollout.keeps and reason == "n_steps"
 
     def _not_confirmed(self, failure: Exception) -> TaskStatus:
-        """A rollout that was ended, but not known to be."""
+        """Return the status of a rollout with an unconfirmed end."""
         ended = self._status()
         expires_ms = self._rollout.ttl_s * 1e3
-        known = f"the gate does not confirm that the robot holds ({failure}); its setpoint lives {expires_ms:g} ms"
+        note = f"the gate does not confirm that the robot holds ({failure}); its setpoint lives {expires_ms:g} ms"
         reason = "unreachable" if ended.exit_reason == "stopped" else ended.exit_reason
-        detail = f"{ended.exit_detail}. {known}" if ended.exit_detail else known
+        detail = f"{ended.exit_detail}. {note}" if ended.exit_detail else note
         return msgspec.structs.replace(ended, exit_reason=reason, exit_detail=detail)
 
     def _status(self) -> TaskStatus:

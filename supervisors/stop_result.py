@@ -1,11 +1,11 @@
 """The result of a stop as a closed type. Pure.
 
-Every operation that ends motion (stop, e-stop, release, the end of a task, cleanup) has one of three
-results. ``None`` is not among them: a missing answer is never success (SAF-023).
+Every operation that ends motion (stop, e-stop, release, the end of a task, cleanup) has one of three results. A
+missing answer is never success (SAF-023), so ``None`` is no result.
 
-    Confirmed      every motor was read back and is safe, or nothing of ours is energised
+    Confirmed      every motor was read back and is safe, or this tree has energised nothing
     Unconfirmed    the stop was ordered, and the named motors have not confirmed it
-    Unreachable    no process answered that could know; all motors of the robot are named
+    Unreachable    no process answered that knows the state; all motors of the robot are named
 
 ``match`` a result exhaustively and end with ``assert_never``.
 """
@@ -25,7 +25,7 @@ from strands_actors.supervisors.gate.messages import Released, StopReport
 
 
 class NothingRan(msgspec.Struct, frozen=True):
-    """This program has started and commanded nothing, so nothing of ours is energised."""
+    """This program has started and commanded nothing, so it has energised nothing."""
 
     why: str = "nothing was running"
 
@@ -44,8 +44,8 @@ class Unconfirmed(msgspec.Struct, frozen=True):
 
 
 class Unreachable(msgspec.Struct, frozen=True):
-    """No process answered. ``motors`` are those whose state is unknown; empty if this program does not
-    know the robot's motors."""
+    """No process answered. ``motors`` are those with an unknown state; empty if this program does not know the
+    robot's motors."""
 
     refusal: Refused
     motors: tuple[str, ...]
@@ -71,7 +71,7 @@ def of_answer(verb: str, answer: Message | None, motors: Sequence[str]) -> StopR
 
     Args:
         verb: The verb of the order, for refusals.
-        answer: The answer; None if there was none.
+        answer: The answer; None if it is missing.
         motors: All motors of the robot.
     """
     match answer:

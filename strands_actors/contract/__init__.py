@@ -2,10 +2,10 @@
 
 ``Driver``, ``Wire``, ``StopChannel``   the three classes of a driver, besides its twin
 ``Part``, ``Axis``, ``axis_gates``      the axes of the robot, and the limits of their targets
-``SafeState``, ``Reason``, ``Timing``   the safe states, the reasons for a stop, the clocks
+``SafeState``, ``Reason``, ``Timing``   the safe states, the reasons for a stop, the times of a wire
 ``DriverOptions``, ``option``           keywords of the constructor
 ``DuplicateDescriptor`` to ``OwnProcess``   ready-made stop channels
-``CameraSettings``, ``Picture``, ``PictureSource``   cameras of the robot's own
+``CameraSettings``, ``Picture``, ``PictureSource``   the robot's own cameras
 
 ``strands_actors.testing`` has the tests that every driver must pass.
 """

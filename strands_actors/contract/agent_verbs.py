@@ -1,12 +1,12 @@
-"""All that others than the robot's own program may ask of it: the verbs that its driver declares, and
-the services that it declares beside them. Pure.
+"""The verbs that agents and other hosts may ask of a robot: those that its driver declares, and its services.
+Pure.
 
-A verb that the driver's author wrote for agents is under the rules that the author chose
-(``Driver.GUARDED``). A service that was written for scripts is askable, too, but nobody has judged
-whether an agent should decide on it. It always needs an operator's approval on real hardware.
+A verb in ``Driver.TOOL_VERBS`` was written for agents, under the rules that the driver's author chose
+(``Driver.GUARDED``). A service that was written for scripts may be asked for, too. But its author has not
+decided whether an agent may use it, so on real hardware it always needs an operator's approval.
 
-A service that stops the robot for a reason of its own (``Service.stops``) is no verb: an agent has one
-stop, in every form of the word, and it must not be taken for one that cuts a flying drone's motors.
+A service that stops the robot for a special reason (``Service.stops``) is no verb. An agent has one stop, in
+every form of the word. It must not mistake a service that cuts a flying drone's motors for that stop.
 """
 
 from __future__ import annotations
@@ -20,13 +20,13 @@ from .tool_verbs import Schema, ToolVerb
 
 
 def verbs_of(driver: Driver) -> tuple[ToolVerb, ...]:
-    """Return what may be asked: declared verbs first, without those whose service this robot lacks."""
+    """Return the verbs: declared ones first, without those whose service this robot lacks."""
     declared = tuple(verb for verb in driver.TOOL_VERBS if verb.does != "service" or verb.name in driver.SERVICES)
     return (*declared, *(_verb(name, driver.SERVICES[name]) for name in undeclared(driver)))
 
 
 def undeclared(driver: Driver) -> tuple[str, ...]:
-    """Return the names of services that an agent may ask for, but only with approval."""
+    """Return the names of services that an agent may only use with approval."""
     names = {verb.name for verb in driver.TOOL_VERBS}
     return tuple(name for name, service in driver.SERVICES.items() if name not in names and service.stops is None)
 
@@ -41,8 +41,11 @@ def _verb(name: str, service: Service) -> ToolVerb:
 
 
 def _schema(service: str, argument: str, default: object, counts: Mapping[str, int]) -> Schema:
-    """Return the schema of an argument, from its default; None is that of a number that may be left out.
-    Raise ``TypeError`` for one that JSON has no plain value for."""
+    """Return the schema of an argument, derived from its default. A default of None means an optional number.
+
+    Raises:
+        TypeError: JSON has no plain value for the default.
+    """
     if default is None:
         return {"type": "number", "description": "may be left out"}
     kinds: dict[type, str] = {bool: "boolean", int: "number", float: "number", str: "string"}

@@ -129,20 +129,20 @@ def parse_action(
             values[at] = axis.rest
     named: list[int] = []
     for key, value in action.items():
-        found = index.get(key.removesuffix(".pos")) if isinstance(key, str) else None
-        if found is None:
-            said = str(key)[:SHOWN] or "''"
-            return Refused(Code.UNKNOWN_JOINT, f"{said} is not a joint of {robot}", f"use {keys}", said, keys)
-        name = axes[found].key
-        if found in named:
+        axis_index = index.get(key.removesuffix(".pos")) if isinstance(key, str) else None
+        if axis_index is None:
+            text = str(key)[:SHOWN] or "''"
+            return Refused(Code.UNKNOWN_JOINT, f"{text} is not a joint of {robot}", f"use {keys}", text, keys)
+        name = axes[axis_index].key
+        if axis_index in named:
             both = f"{name} and {name}.pos"
             return Refused(Code.BOTH_SPELLINGS, f"{both} are both given", "send one of them", both, name)
         number = finite(value)
         if number is None:
             why = f"{name} is {_not_a_number(value)}"
             return Refused(Code.NOT_FINITE, why, "send a finite number", shown(value, SHOWN), "a finite number")
-        values[found] = number
-        named.append(found)
+        values[axis_index] = number
+        named.append(axis_index)
     return tuple(values), tuple(named)
 
 

@@ -1,4 +1,4 @@
-"""Gates that follow from the table of axes: freshness, range and speed. Pure; nothing is ever
+"""Gates that follow from the table of axes: freshness, range and speed. Pure. A value is refused and never
 clipped."""
 
 from __future__ import annotations
@@ -16,20 +16,21 @@ from .axis import AxisMode
 from .driver import Candidate, GateCheck, GateState
 
 STEP_TOLERANCE = 1.2
-"""A stream's period jitters; so does the top speed of a servo with its supply."""
+"""Factor on the allowed step. The period of a stream jitters, and so does the top speed of a servo with its
+supply voltage."""
 
 READING_NOISE = 5e-4
-"""Of its whole travel: what two readings of an axis that stands still may differ by [assumed]."""
+"""Part of the travel of an axis by which two readings may differ while it stands still [assumed]."""
 
 _ROUNDING = 1e-9
 _DECIMALS = {"deg": 1, "percent": 1, "%": 1, "mm": 1}
 _OTHER_DECIMALS = 4
-"""Radians, metres, fractions: enough digits that what a refusal names as the limit is accepted."""
+"""For radians, metres and fractions. The digits suffice for a limit to be accepted as a refusal shows it."""
 _MOST_DECIMALS = 12
 
 
 class Limited(Protocol):
-    """What a gate needs to know of an axis. ``contract.axis.Axis`` is one."""
+    """The part of an axis that a gate needs. ``contract.axis.Axis`` has it."""
 
     @property
     def key(self) -> str: ...
@@ -51,8 +52,14 @@ Axes = Sequence[Limited]
 def axis_gates(
     axes: Axes, state_ttl_s: float, *, oneshot_s: float | None = None, longest_s: float = 0.1
 ) -> tuple[GateCheck, ...]:
-    """Return the gates of a robot of axes, in the order in which they are asked: the first that
-    refuses answers."""
+    """Return the gates of a robot, in the order in which they are checked. The first refusal counts.
+
+    Args:
+        axes: The axes.
+        state_ttl_s: The oldest reading that counts, in seconds (``stale``).
+        oneshot_s: The time of a single command (``too_fast``).
+        longest_s: The longest pause of a stream that counts, in seconds (``too_fast``).
+    """
     return (
         stale(axes, state_ttl_s),
         past_range(axes),
@@ -61,7 +68,7 @@ def axis_gates(
 
 
 def stale(axes: Axes, ttl_s: float) -> GateCheck:
-    """Refuse to move an axis whose position was not read within ``ttl_s``."""
+    """Return a gate that refuses to move an axis if its position was not read within ``ttl_s``."""
     ttl_ns = round(ttl_s * NS)
     limit = f"{ttl_s * 1e3:.0f} ms"
     remedy = "check its cable and power: it is back by itself as soon as it answers"
@@ -74,7 +81,8 @@ def stale(axes: Axes, ttl_s: float) -> GateCheck:
                 age = "yet" if stamp == 0 else f"for {age_ns / 1e6:.0f} ms"
                 return Refused(Code.STALE, f"no position from {axes[at].label} {age}", remedy, age, limit)
         for at, value in enumerate(candidate.values[: len(axes)]):
-            if not math.isfinite(value):  # an axis that was never read has no target to keep
+            # An axis that was never read has no target to keep.
+            if not math.isfinite(value):
                 return Refused(Code.STALE, f"no position from {axes[at].label} yet", remedy, "yet", limit)
         return None
 
@@ -82,17 +90,24 @@ def stale(axes: Axes, ttl_s: float) -> GateCheck:
 
 
 def past_range(axes: Axes, *, rounding: float = _ROUNDING, measured: bool = True) -> GateCheck:
-    """Refuse a target outside the range of its axis, unless it keeps an axis that is past its end
-    where it is, or brings it back. ``rounding``: what numbers may lose on the way to the robot and
-    back, so that an axis at its end is within. ``measured``: the axes are those of the
-    observation; else a target outside is refused wherever the robot is."""
+    """Return a gate that refuses a target outside the range of its axis.
+
+    An axis that is past its end may be kept at its position, or be brought back.
+
+    Args:
+        axes: The axes.
+        rounding: The error of a number on the way to the robot and back. An axis at its end is within its
+            range.
+        measured: False if the axes are not those of the observation. A target outside is then refused wherever
+            the robot is.
+    """
     ends = tuple((low - rounding, high + rounding) for low, high in (axis.limits for axis in axes))
 
     def past_range(candidate: Candidate, state: GateState) -> Refused | None:
         values = candidate.values
         for at in candidate.named:
             value, (least, most) = values[at], ends[at]
-            # not (a <= b) rather than b < a: a NaN is refused too
+            # ``not (a <= b)`` and not ``b < a``, so that a NaN is refused too.
             if not least <= value <= most and not (measured and _no_further(axes[at], at, value, state)):
                 return _past_range(axes[at], value)
         return None
@@ -112,7 +127,7 @@ class _Narrower(NamedTuple):
 
 
 def past_ranges(axes: Axes, ranges: Iterable[tuple[float, float]]) -> GateCheck:
-    """Return ``past_range`` for axes whose ends are these: lowest and highest, in the axis's unit."""
+    """Return ``past_range`` for axes with these ends: lowest and highest value, in the unit of the axis."""
     return past_range(
         [
             _Narrower(axis.key, axis.label, axis.unit, ends, axis.speed, axis.mode)
@@ -122,21 +137,30 @@ def past_ranges(axes: Axes, ranges: Iterable[tuple[float, float]]) -> GateCheck:
 
 
 def past_told_range(axes: Axes, lows: str, highs: str, untold: GateCheck) -> GateCheck:
-    """Refuse a target outside the range that the robot itself tells: ``lows`` and ``highs`` name the
-    rows of an observation's sensors. ``untold``: the gate of an observation that has none."""
+    """Return a gate that refuses a target outside the range that the robot itself reports.
+
+    Args:
+        axes: The axes.
+        lows: The sensor with the lowest values.
+        highs: The sensor with the highest values.
+        untold: The gate for an observation without these sensors.
+    """
     within = functools.lru_cache(maxsize=4)(functools.partial(past_ranges, axes))
 
     def past_told_range(candidate: Candidate, state: GateState) -> Refused | None:
         sensors = state.observation.sensors
-        told = tuple(zip(sensors.get(lows, ()), sensors.get(highs, ()), strict=True))
-        return (within(told) if told else untold)(candidate, state)
+        ranges = tuple(zip(sensors.get(lows, ()), sensors.get(highs, ()), strict=True))
+        return (within(ranges) if ranges else untold)(candidate, state)
 
     return past_told_range
 
 
 def _no_further(axis: Limited, at: int, value: float, state: GateState) -> bool:
-    """Return whether a position outside the range is no further out than the axis is measured, or
-    was let be: a policy that returns what it observed holds a joint that rests on its stop."""
+    """Return True if a position outside the range is no further out than the measured position or the last
+    target.
+
+    A policy that returns the observed positions holds a joint that rests on its end stop.
+    """
     if axis.mode is not AxisMode.POSITION:
         return False
     low, high = axis.limits
@@ -149,7 +173,7 @@ def _no_further(axis: Limited, at: int, value: float, state: GateState) -> bool:
 
 def _past_range(axis: Limited, value: float) -> Refused:
     low, high = axis.limits
-    # rounded inwards: what the text allows is allowed
+    # Rounded inwards, so that the gate accepts the limits in the text.
     bottom, top = show(low, axis.unit, inwards=math.ceil), show(high, axis.unit, inwards=math.floor)
     end = bottom if value < low else top
     offered = _show_past(value, low if value < low else high, axis.unit)
@@ -163,7 +187,7 @@ def _past_range(axis: Limited, value: float) -> Refused:
 
 
 def _show_past(value: float, end: float, unit: str) -> str:
-    """Return ``value`` with as many digits as show that it is past ``end``."""
+    """Return ``value`` with enough digits to show that it is past ``end``."""
     shown = show(value, unit)
     digits = _DECIMALS.get(unit, _OTHER_DECIMALS)
     while math.isfinite(value) and digits < _MOST_DECIMALS and not _is_past(float(shown), value, end):
@@ -184,13 +208,17 @@ def too_fast(
     longest_s: float = math.inf,
     pause_counts: bool = True,
 ) -> GateCheck:
-    """Refuse a step that the axis cannot follow.
+    """Return a gate that refuses a step that the axis cannot follow.
 
-    A stream may step as far as the axis moves in its period, or since the last target that was
-    accepted, times ``tolerance``, since a period jitters; of a pause no more than ``longest_s``
-    counts, and nothing with ``pause_counts`` off: for a controller that goes to each target in one
-    period. A command on its own may step as far as the axis moves in ``oneshot_s``; None: any
-    distance, for a servo that limits its own speed.
+    In a stream, the step may be as far as the axis moves in the period, or since the last accepted target if
+    that is longer. A single command may step as far as the axis moves in ``oneshot_s``.
+
+    Args:
+        axes: The axes.
+        tolerance: Factor on the step in a stream, since a period jitters.
+        oneshot_s: None allows any distance, for a servo that limits its own speed.
+        longest_s: The longest pause of a stream that counts.
+        pause_counts: False if only the period counts, for a controller that goes to each target in one period.
     """
     speeds = tuple(axis.speed for axis in axes)
 
@@ -224,8 +252,8 @@ def too_fast(
 
 
 def show(value: float, unit: str, inwards: object = None) -> str:
-    """Return ``value`` with the digits of its unit; ``inwards`` (``math.floor`` or ``math.ceil``)
-    rounds so."""
+    """Return ``value`` with the digits of its unit. ``inwards`` is the rounding: ``math.floor`` or
+    ``math.ceil``."""
     digits = _DECIMALS.get(unit, _OTHER_DECIMALS)
     if not math.isfinite(value):
         return str(value)
@@ -241,7 +269,7 @@ def show(value: float, unit: str, inwards: object = None) -> str:
 
 
 def unit_of(axis: Limited) -> str:
-    """Return the unit as it follows a number, with its space; nothing for a plain fraction."""
+    """Return the unit to put after a number, with a space. It is empty for a plain fraction."""
     unit = "%" if axis.unit == "percent" else axis.unit
     return f" {unit}" if unit else ""
 

@@ -1,9 +1,10 @@
-"""What gives pictures: a device, a scene that is drawn, a robot's own service. It runs in a camera's
-process, apart from everything that moves the robot.
+"""Sources of pictures: a device, a rendered scene, or a service of the robot.
+
+A source runs in a camera process, apart from everything that moves the robot. It is opened by a function
 
     async def open_camera(settings: CameraSettings) -> PictureSource
 
-is named as ``module:function``: by the type of a camera, or by a driver for the robot's own cameras
+which is named as ``module:function``: by the type of a camera, or by a driver for its robot's cameras
 (``Driver.CAMERAS``).
 """
 
@@ -19,13 +20,13 @@ if TYPE_CHECKING:
 
 
 class CameraSettings(msgspec.Struct, frozen=True, kw_only=True):
-    """One camera, checked. Sizes are those of the picture as it is handed out: after ``rotation``."""
+    """The settings of one camera, after validation. Sizes are those of the picture after ``rotation``."""
 
     name: str
     type: str
-    robot: str = ""  # its kind
-    port: str = ""  # where the robot is, or its scene
-    options: dict[str, Any] = {}  # of the robot's driver
+    robot: str = ""  # the robot's name in the registry
+    port: str = ""  # the port of the robot, or its scene
+    options: dict[str, Any] = {}  # options of the robot's driver
     view: str = ""
     index_or_path: int | str = ""
     fps: float | None = None
@@ -39,7 +40,7 @@ class CameraSettings(msgspec.Struct, frozen=True, kw_only=True):
 
     @property
     def turned(self) -> bool:
-        """Return whether width and height of what is captured are the other way round."""
+        """Return True if width and height are exchanged before ``rotation``."""
         return self.rotation in (90, -90)
 
     @property
@@ -49,18 +50,23 @@ class CameraSettings(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Picture(NamedTuple):
-    """``image``: (height, width, 3), RGB, the first row on top. ``captured_ns``: on the host's
-    monotonic clock."""
+    """One picture.
+
+    Attributes:
+        image: (height, width, 3), RGB, with the first row on top.
+        captured_ns: On the host's monotonic clock.
+    """
 
     image: NDArray[numpy.uint8]
     captured_ns: int
 
 
 class PictureSource(Protocol):
-    """Belongs to one loop. Whatever it raises is told, and it is opened anew, later."""
+    """An open source of pictures, used in one loop. An exception is reported, and the source is opened again
+    later."""
 
     paced: bool
-    """Whether ``read`` waits for a picture that is new; else it is called once a period."""
+    """True if ``read`` waits for a new picture. Otherwise it is called once per period."""
 
     async def read(self) -> Picture: ...
     async def aclose(self) -> None: ...

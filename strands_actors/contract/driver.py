@@ -58,8 +58,8 @@ ORDERED = frozenset({Reason.STOP, Reason.ESTOP})
 
 
 class Timing(msgspec.Struct, frozen=True):
-    """The clocks of one wire. The lifetime (what the writer promised) and the keepalive (what the
-    firmware needs) are different numbers."""
+    """The times of one wire. The lifetime (promised by the writer) and the keepalive (needed by the firmware)
+    are different numbers."""
 
     control_hz: float
     keepalive_s: float  # period of re-sending the last live setpoint
@@ -67,29 +67,27 @@ class Timing(msgspec.Struct, frozen=True):
     oneshot_ttl_s: float | None = None  # of a single send_action; None: latched while the lease lives
     state_ttl_s: float = 0.3  # an observation older than this is no observation
     arm_s: float = 2.0  # longest time that ``Wire.arm`` may take
-    # In ``Wire.open`` and ``arm`` the whole wire process may be silent for so long: an SDK's
-    # constructor keeps the interpreter's lock. So long the root waits before it calls the process
-    # frozen.
+    # In ``Wire.open`` and ``arm`` the whole wire process may be silent for this time, because an SDK's
+    # constructor keeps the interpreter's lock. The root waits so long before it counts the process as frozen.
     silent_s: float = 0.0
-    tick_s: float = 0.01  # how often the tree looks at deadlines, and wire and root beat
+    tick_s: float = 0.01  # period in which the tree checks deadlines, and in which wire and root beat
     heartbeat_ttl_s: float = 0.1  # without a heartbeat for so long, the other process counts as frozen
-    # Longest time that ``Wire.read``, ``write`` or ``feed`` may wait, where that is longer than a
-    # heartbeat: it is announced to the watchdog, and who takes longer counts as frozen. 0: they
-    # wait less than a heartbeat.
+    # Longest time that ``Wire.read``, ``write`` or ``feed`` may wait, where that is longer than a heartbeat.
+    # The watchdog gets notice of it, and a longer call counts as frozen. 0 if they wait less than a heartbeat.
     call_s: float = 0.0
     open_s: float = 5.0  # longest time that ``Wire.open`` and the first reading may take, and the stop channel's
-    handover_s: float = 3.0  # of these: what the root may take to have its stop channel ready
+    handover_s: float = 3.0  # the part of it in which the root gets its stop channel ready
     safe_s: float = 1.5  # longest time that ``make_safe`` may take: the wire's, and the stop channel's
-    # Longest time for which an arming that was cut off (a stop cancelled it, its process was killed)
-    # may still take effect on the robot: the request is in a buffer, in the network, or the robot
-    # has taken it and acts on it later. No stop is confirmed before this time has passed. 0: the
-    # robot carries out what arrives at once and in order, so the safe frame is always the last.
+    # Longest time for which an arming that was cut off (cancelled by a stop, or its process was killed) may
+    # still take effect on the robot. The request may be in a buffer or in the network, or the robot may act on
+    # it later. No stop is confirmed before this time has passed. 0 if the robot carries out requests at once
+    # and in order, so that the safe frame is always the last.
     late_s: float = 0.0
 
 
 class Service(msgspec.Struct, frozen=True):
-    """Something a robot can do beyond the common verbs: a method of its handle. ``arguments``: name
-    to default."""
+    """A service of a robot beyond the common verbs: a method of its handle. ``arguments`` maps names to
+    defaults."""
 
     about: str
     within_s: float  # longest time that ``Wire.perform`` may take
@@ -105,8 +103,8 @@ class Service(msgspec.Struct, frozen=True):
     # It gives motors power, takes it away, or lets them move by themselves afterwards. For agents and
     # the mesh it counts as motion, even when the robot is not armed.
     powers: bool = False
-    # It is refused when the robot is not armed, even if a stopped robot keeps its power. With ``moves``
-    # that is so anyway.
+    # It is refused when the robot is not armed, even if a stopped robot keeps its power. ``moves`` includes
+    # that.
     needs_armed: bool = False
     # As ``Timing.late_s``, for a service that powers or moves the robot with a delay.
     late_s: float = 0.0
@@ -134,7 +132,7 @@ class Live(msgspec.Struct, frozen=True, gc=False):
 
 
 class GateState(msgspec.Struct, frozen=True, gc=False):
-    """The input of a gate. A gate is pure: it has no clock and no I/O."""
+    """The input of a gate. A gate is pure: without a clock and without I/O."""
 
     now_ns: int
     observation: Observation
@@ -227,8 +225,7 @@ class Driver(ABC):
     USB_IDS: ClassVar[tuple[tuple[int, int], ...]] = ()
     """Vendor and product ids of the usual USB adapters. They are a hint and no proof."""
     CAMERAS: ClassVar[Mapping[str, str]] = {}
-    """Cameras of the robot's own, by name: ``module:function`` that opens one
-    (``contract/cameras.py``)."""
+    """The robot's own cameras by name: ``module:function`` that opens one (``contract/cameras.py``)."""
     ROLLOUTS: ClassVar[str] = ""
     """Why this robot runs no policies; empty if it does."""
     TASKS: ClassVar[str] = ""
@@ -256,7 +253,7 @@ class Driver(ABC):
     READ_ONLY_JOINTS: ClassVar[tuple[ReadOnlyJoint, ...]] = ()
     """Joints that are observed but not commanded."""
     ANSWERS_WITH: ClassVar[tuple[str, ...]] = ()
-    """Sensors whose newest readings are part of the reply to an accepted command (``accepted``)."""
+    """Sensors with readings that are part of the reply to an accepted command (``accepted``), the newest ones."""
     GUARDED: ClassVar[tuple[str, ...]] = ()
     """Verbs and keys of actions that need an operator's approval when an agent or the mesh uses them. A
     stop and the zero of a velocity axis never do."""
@@ -272,7 +269,7 @@ class Driver(ABC):
     unit: str  # for people: "degrees (gripper: percent open)"
     timing: Timing
     fallbacks: Mapping[Reason, SafeState]
-    firmware_watchdog: str  # what the firmware does if every process of ours is gone
+    firmware_watchdog: str  # the reaction of the firmware when every process of the tree is gone
     bound_s: float = 0.05  # longest time from a death to the safe frame, a published bound
     config: Any
     """A frozen struct with everything that ``WIRE`` and ``STOP_CHANNEL`` know of the robot."""
@@ -349,12 +346,11 @@ class Driver(ABC):
         return parsed if isinstance(parsed, Refused) else Candidate(*parsed)
 
     def parse_simulated(self, action: Mapping[str, float], state: GateState) -> Candidate | Refused:
-        """As ``parse``, for a simulation, whose body may accept more than the wire. The default is the
-        same."""
+        """As ``parse``, for a simulation. Its body may accept more than the wire. The default is the same."""
         return self.parse(action, state)
 
     def to_approve(self, action: Mapping[str, Any]) -> tuple[str, ...]:
-        """Return the keys of an action that may need approval: all except velocities of zero, which stop
+        """Return the keys of an action that may need approval. Velocities of zero are excluded, since they stop
         the robot."""
         at_rest = {axis.key: axis.rest for axis in self.table if axis.mode is AxisMode.VELOCITY}
         keys = ((key, str(key).removesuffix(".pos")) for key in action)
@@ -366,39 +362,45 @@ class Driver(ABC):
         return first_target(self.table, observation.position) if self.parts else observation.position
 
     def check_service(self, service: str, arguments: Mapping[str, Any]) -> Refused | None:
-        """Pure. Only names and arguments that ``SERVICES`` declares pass, and counts that are
-        some."""
-        known = self.SERVICES.get(service)
-        if known is None:
+        """Return a refusal, or None if ``SERVICES`` declares the service and its arguments, and all counts are
+        valid. Pure."""
+        declared = self.SERVICES.get(service)
+        if declared is None:
             names = ", ".join(self.SERVICES) or "none"
             return Refused(
                 Code.UNKNOWN_SERVICE, f"{self.robot} has no such service", f"it has {names}", service, names
             )
         for name in arguments:
-            if name not in known.arguments:
-                names = ", ".join(known.arguments) or "none"
+            if name not in declared.arguments:
+                names = ", ".join(declared.arguments) or "none"
                 return Refused(Code.UNKNOWN_ARGUMENT, f"no argument {name}", f"it takes {names}", name, names)
-        for name, most in known.counts.items():
-            value = arguments.get(name, known.arguments[name])
+        for name, most in declared.counts.items():
+            value = arguments.get(name, declared.arguments[name])
             if not _is_count(value, most):
                 why, limit = f"{name} is {value!r}", f"1..{most}"
                 return Refused(Code.BAD_ARGUMENT, why, f"give a whole number, 1 to {most}", f"{value}", limit)
         return None
 
     def action_of(self, verb: ToolVerb, inputs: Mapping[str, Any]) -> dict[str, Any] | Refused:
-        """Return the command that a verb with these inputs is, for verbs in other units than the
-        axes'. Pure. Default: as ``ToolVerb`` says."""
+        """Return the command of a verb with these inputs. Pure.
+
+        A driver overrides it for verbs in other units than those of the axes. The default is
+        ``ToolVerb.command``.
+        """
         return verb.command(inputs)
 
     def preload(self) -> None:
-        """Import what ``stop_channel`` needs. Called in the root and in the wire process before
-        they begin to beat: on a busy machine an import takes longer than they may be silent."""
+        """Import the modules of ``stop_channel``.
+
+        It is called in the root and in the wire process before their first heartbeat. On a busy machine an
+        import takes longer than they may be silent.
+        """
         if self.STOP_CHANNEL:
             load(self.STOP_CHANNEL)
 
     def preload_wire(self) -> None:
-        """Import what ``open_wire`` needs. Called in the wire process alone: the root is spared
-        SDKs."""
+        """Import the modules of ``open_wire``. It is called in the wire process only, so that the root loads no
+        SDK."""
         if self.WIRE:
             load(self.WIRE)
 
@@ -411,7 +413,7 @@ class Driver(ABC):
         """Return a new stop channel.
 
         Args:
-            descriptors: Those of ``Wire.handover``. Without any, the channel opens what it needs when it
+            descriptors: Those of ``Wire.handover``. Without any, the channel opens its own connections when it
                 is used.
             clock: The clock.
         """
@@ -433,9 +435,9 @@ class Driver(ABC):
 
     def as_telemetry(self, observation: Observation) -> dict[str, float]:
         """Return ``observed`` for subscribers on the mesh, with each position under ``x`` and ``x.pos``."""
-        told = self.observed(observation)
+        positions = self.observed(observation)
         rates = {axis.key for axis in self.table if axis.mode is AxisMode.VELOCITY}
-        return told | {f"{key}{SUFFIX}": value for key, value in told.items() if key not in rates}
+        return positions | {f"{key}{SUFFIX}": value for key, value in positions.items() if key not in rates}
 
     def commanded(self, action: Mapping[str, Any], values: Sequence[float]) -> dict[str, Any]:
         """Return the reply of ``send_action``: the accepted action and its target."""

@@ -48,6 +48,6 @@ def check_conditions(robot: str, conditions: Sequence[Condition]) -> tuple[Condi
 
 
 def _check_words(robot: str, states: Iterable[str]) -> None:
-    known = [str(state) for state in SafeState]
-    if wrong := sorted({str(state) for state in states if str(state) not in known}):
-        raise ValueError(f"{robot}: {', '.join(wrong)} is no safe state. Use one of {', '.join(known)}")
+    accepted = [str(state) for state in SafeState]
+    if wrong := sorted({str(state) for state in states if str(state) not in accepted}):
+        raise ValueError(f"{robot}: {', '.join(wrong)} is no safe state. Use one of {', '.join(accepted)}")

@@ -1,4 +1,4 @@
-"""Recognise what git leaves in the place of a large file when git-lfs is not installed."""
+"""Recognise the pointer that git leaves in place of a large file when git-lfs is not installed."""
 
 from __future__ import annotations
 
@@ -8,10 +8,10 @@ _POINTER = b"version https://git-lfs.github.com/spec/"
 
 
 def pointer_reason(file: Path) -> str:
-    """Return why this is not the file itself but git-lfs's pointer to it; empty: it is the file.
+    """Return why a file is only git-lfs's pointer, or an empty text if it is the file itself.
 
     Raises:
-        OSError: It cannot be read.
+        OSError: The file cannot be read.
     """
     with file.open("rb") as opened:
         is_pointer = opened.read(len(_POINTER)) == _POINTER

@@ -1,4 +1,4 @@
-"""Names of things that are loaded where they are used: ``module:qualified.name``."""
+"""Load objects by name at first use: ``module:qualified.name``."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ def place_of(thing: type[Any]) -> str:
 def load(where: str) -> Any:
     """Import the module and return the object at ``module:qualified.name``."""
     module, _, name = where.partition(":")
-    found: Any = importlib.import_module(module)
+    loaded: Any = importlib.import_module(module)
     for part in name.split("."):
-        found = getattr(found, part)
-    return found
+        loaded = getattr(loaded, part)
+    return loaded

@@ -63,12 +63,12 @@ class Meanings(dict[str, str]):
 def meanings(options: type[DriverOptions]) -> Meanings:
     """Return the meaning and default of each keyword, for ``list``, ``--help`` and the signatures of
     ``Robot``."""
-    told = Meanings(options)
+    result = Meanings(options)
     hints = get_type_hints(options, include_extras=True)
     for field in msgspec.structs.fields(options):
-        found = [meta.description for meta in getattr(hints[field.name], "__metadata__", ()) if meta.description]
-        told[field.encode_name] = f"{'; '.join(found)}; default {field.default!r}"
-    return told
+        texts = [meta.description for meta in getattr(hints[field.name], "__metadata__", ()) if meta.description]
+        result[field.encode_name] = f"{'; '.join(texts)}; default {field.default!r}"
+    return result
 
 
 def read_options(robot: str, options: type[Options], given: Mapping[str, Any]) -> Options:
@@ -91,31 +91,31 @@ def convert_options(
 ) -> Options:
     """As ``read_options``, without the keywords that every driver gets. ``from_text`` accepts numbers and
     bools as text, as from a command line."""
-    known = [field.encode_name for field in msgspec.structs.fields(options)]
-    wanted = {name: as_python(value) for name, value in given.items()}
-    if unknown := [name for name in wanted if name not in known]:
-        close = closest(unknown[0], known)
+    names = [field.encode_name for field in msgspec.structs.fields(options)]
+    values = {name: as_python(value) for name, value in given.items()}
+    if unknown := [name for name in values if name not in names]:
+        close = closest(unknown[0], names)
         hint = f" ({unknown[0]!r} -> {close[0]!r}?)" if close else ""
-        use = f"Use {', '.join(known)}" if known else "There is none"
+        use = f"Use {', '.join(names)}" if names else "There is none"
         raise TypeError(f"{robot}: unknown option {', '.join(unknown)}{hint}. {use}")
     try:
-        read = msgspec.convert(wanted, options, strict=not from_text)
+        read = msgspec.convert(values, options, strict=not from_text)
     except msgspec.ValidationError as error:
         why, _, where = str(error).rpartition(" - at `$.")
         name = where.removesuffix("`").partition("[")[0]
-        shown = "not accepted" if name in secrets_of(options) else repr(wanted.get(name))
+        shown = "not accepted" if name in secrets_of(options) else repr(values.get(name))
         raise ValueError(f"{robot}: {name} is {shown}. {_wanted(options, name)} ({why or error})") from None
     for field in msgspec.structs.fields(options):
         number, name = getattr(read, field.name), field.encode_name
-        if name in wanted and isinstance(number, float) and not math.isfinite(number):
-            raise ValueError(f"{robot}: {name} is {wanted[name]!r}. {_wanted(options, name)}")
+        if name in values and isinstance(number, float) and not math.isfinite(number):
+            raise ValueError(f"{robot}: {name} is {values[name]!r}. {_wanted(options, name)}")
     return read
 
 
 def plain(options: DriverOptions) -> dict[str, Any]:
     """Return the options as plain data, for other processes and recordings."""
-    told: dict[str, Any] = msgspec.to_builtins(options)
-    return told
+    data: dict[str, Any] = msgspec.to_builtins(options)
+    return data
 
 
 def _wanted(options: type[DriverOptions], name: str) -> str:

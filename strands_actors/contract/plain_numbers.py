@@ -1,4 +1,4 @@
-"""Numbers and truth values of any library as Python's own."""
+"""Convert numbers and truth values of any library to Python's types."""
 
 from __future__ import annotations
 
@@ -6,8 +6,8 @@ from typing import Any
 
 
 def as_python(value: Any) -> Any:
-    """Return a scalar of numpy, torch or the like as Python's own bool, int or float; anything else
-    as it is."""
+    """Return a scalar of numpy, torch or the like as a Python bool, int or float. Return any other value
+    unchanged."""
     item = getattr(value, "item", None)
     if not callable(item) or getattr(value, "ndim", 0) != 0:
         return value

@@ -5,12 +5,15 @@ from __future__ import annotations
 from typing import Any
 
 SUFFIX = ".pos"
-"""How lerobot, and a policy written for it, end the name of a joint."""
+"""The suffix of a joint's name in lerobot, and in policies for it."""
 
 
 class Positions(dict[str, float]):
-    """The positions of a robot, in the order of its axes. ``shoulder_pan`` and ``shoulder_pan.pos``
-    both answer; the keys that show, and travel, are the plain ones, which ``send_action`` takes."""
+    """The positions of a robot, in the order of its axes.
+
+    ``shoulder_pan`` and ``shoulder_pan.pos`` both find a value. The stored keys, which are shown and sent, are
+    the plain ones that ``send_action`` takes.
+    """
 
     def __missing__(self, key: object) -> float:
         plain = _plain(key)
@@ -32,7 +35,7 @@ class Positions(dict[str, float]):
 
 
 def _plain(key: object) -> str | None:
-    """Return the key without its suffix; None when it has none."""
+    """Return the key without its suffix, or None if it has no suffix."""
     return key.removesuffix(SUFFIX) if isinstance(key, str) and key.endswith(SUFFIX) else None
 
 

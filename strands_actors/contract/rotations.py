@@ -1,4 +1,4 @@
-"""Rotations, in one place for every wire that reports or takes them."""
+"""Rotations, for all wires that report or take them."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
-"""The safe states a robot can be brought to, in order of severity.
+"""The safe states of a robot, in order of severity.
 
-A later member gives up more than an earlier one. An order to be safe is never answered by an
-earlier state than the one that was asked for.
+A later member gives up more than an earlier one. An order for a safe state is never answered with an earlier
+state than the ordered one.
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ import enum
 
 
 class SafeState(enum.StrEnum):
-    """From the mildest to the most severe."""
+    """A safe state. The members stand in order, from the mildest to the most severe."""
 
     HOLD = "hold"  # energised, at the present position; a drone hovers
     ZERO = "zero"  # a base or a pair of wheels: velocity zero, energised
@@ -20,14 +20,14 @@ class SafeState(enum.StrEnum):
     DAMP = "damp"  # motors brake the joints, then let go
     LIMP = "limp"  # no torque on any motor
     ZERO_TORQUE = "zero_torque"  # frames that ask for no torque, at once
-    OFF = "off"  # motors off or power cut, whatever that means for what they carried
+    OFF = "off"  # motors off or power cut, even if a load falls
 
     @property
     def severity(self) -> int:
         return _ORDER[self]
 
     def at_least(self, other: SafeState) -> bool:
-        """Return whether this state gives up no less than ``other``."""
+        """Return True if this state is as severe as ``other``, or more."""
         return self.severity >= other.severity
 
     def or_more(self, other: SafeState) -> SafeState:

@@ -44,8 +44,8 @@ WatchT = TypeVar("WatchT", bound=Watch)
 
 
 class DuplicateDescriptor(StopChannel, Generic[ConfigT, PortT]):
-    """Stop by a duplicate of the wire's descriptor. If it is dead, or there is none, the port is opened
-    anew, and stays open until ``close``."""
+    """Stop by a duplicate of the wire's descriptor. If it is dead or missing, the port is opened again, and
+    stays open until ``close``."""
 
     def __init__(self, config: ConfigT, descriptors: Sequence[int], clock: Clock) -> None:
         self.config = config
@@ -73,8 +73,8 @@ class DuplicateDescriptor(StopChannel, Generic[ConfigT, PortT]):
         """Report that nothing was written."""
 
     async def serve(self, task_status: trio.TaskStatus[None] = trio.TASK_STATUS_IGNORED) -> None:
-        """Close a port whose adapter was unplugged. While it is open, the adapter gets another name when
-        it comes back."""
+        """Close the port when its adapter was unplugged. While the port is open, the adapter gets another name
+        when it comes back."""
         task_status.started()
         if self.port is not None:
             await self.hung_up(self.port)
@@ -141,8 +141,8 @@ class ConnectWhenNeeded(StopChannel, Generic[ConfigT, PortT]):
 
 
 class WatchedFirmware(ConnectWhenNeeded[ConfigT, WatchT]):
-    """Stop a robot whose firmware stops by itself when the wire process is gone. The channel orders the
-    stop nevertheless, and observes the robot until every motor is safe."""
+    """Stop a robot if its firmware stops by itself when the wire process is gone. The channel orders the stop
+    nevertheless, and observes the robot until every motor is safe."""
 
     CONFIRM_S: ClassVar[float]
     """Longest time of the observation."""
@@ -185,7 +185,7 @@ class KeptSession(StopChannel, Generic[ConfigT, PortT]):
 
     @abstractmethod
     async def make_safe_by(self, session: PortT | None, safe_state: SafeState) -> Reports:
-        """As ``make_safe``. Never raises. ``session`` is for this call alone; None if there is none."""
+        """As ``make_safe``. Never raises. ``session`` is for this call alone, and None without one."""
 
     @property
     def has_other_way(self) -> bool:
@@ -193,14 +193,14 @@ class KeptSession(StopChannel, Generic[ConfigT, PortT]):
         return False
 
     async def serve(self, task_status: trio.TaskStatus[None] = trio.TASK_STATUS_IGNORED) -> None:
-        told = False
+        is_started = False
         with self._serving:
             try:
                 self.session = await self.connect()
             except WireDown:
                 if not self.has_other_way:
                     raise
-            told = True
+            is_started = True
             task_status.started()
             while self.session is not None:
                 with contextlib.suppress(WireDown):
@@ -208,7 +208,7 @@ class KeptSession(StopChannel, Generic[ConfigT, PortT]):
                 await trio.sleep(self.AGAIN_S)
                 with contextlib.suppress(WireDown):
                     self.replace(await self.connect())
-        if not told:
+        if not is_started:
             task_status.started()  # It was used for a stop meanwhile.
 
     async def make_safe(self, safe_state: SafeState) -> Reports:

@@ -1,5 +1,8 @@
-"""The conversation between a process and the children that stop a robot for it (``stop_process``):
-orders and answers on a socket pair."""
+"""The messages between a process and the children that stop a robot for it (``stop_process``).
+
+Orders and answers go over a socket pair. The child acknowledges each order at once, and answers again with the
+reports when it has carried it out.
+"""
 
 from __future__ import annotations
 
@@ -21,15 +24,20 @@ _HEADER = 4
 
 
 class Order(msgspec.Struct, frozen=True):
-    """``safe_state`` None: give a sign of life, and do nothing."""
+    """An order. Without a ``safe_state`` it only requests a sign of life."""
 
     number: int
     safe_state: SafeState | None = None
 
 
 class Answer(msgspec.Struct, frozen=True):
-    """``number``: of the order, 0 before the first: the child is ready. ``reports`` None: it has the
-    order, and begins to carry it out. ``trouble``: why it cannot be used."""
+    """An answer.
+
+    Attributes:
+        number: The number of the order. 0 before the first one: the child is ready.
+        reports: The reports of the stop. None acknowledges the order, which the child then carries out.
+        trouble: Why the child cannot be used. Empty if it can.
+    """
 
     number: int = 0
     reports: tuple[MotorReport, ...] | None = None
@@ -37,7 +45,7 @@ class Answer(msgspec.Struct, frozen=True):
 
 
 class StopChild:
-    """The root's end of the conversation. Every answer acknowledges the orders up to its number."""
+    """The parent's side of one child. Every answer acknowledges the orders up to its number."""
 
     def __init__(self, process: ChildProcess, name: str, clock: Clock) -> None:
         self.process = process
@@ -46,19 +54,20 @@ class StopChild:
         self._frames = Frames(process.socket)
         self._is_ready = False
         self._sent = self._acknowledged = 0  # numbers of orders
-        self._unheard_ns = 0  # since when an order is not acknowledged; 0: every one is
-        self._carries_out_ns = 0  # since when it carries out an order; 0: it is idle
+        self._unheard_ns = 0  # time since which an order lacks its acknowledgement; 0 if none does
+        self._carries_out_ns = 0  # time of the order that it carries out; 0 while it is idle
         self._done: Answer | None = None  # the last order that it has carried out
-        self._is_awaited = False  # a task waits for its answers, and judges how long they may take
+        # True while a task waits for the child's answers, and itself limits the time for them.
+        self._is_awaited = False
 
     @property
     def is_lost(self) -> bool:
-        """Return whether the system says that it has been killed, or is stopped."""
+        """Return True if the system reports that the child was killed or is stopped."""
         life = life_of(self.process.pid)
         return life.dying or life.stopped or not self.process.alive
 
     def send(self, safe_state: SafeState | None) -> int:
-        """Send an order and return its number; None: ask for a sign of life. Raise ``WireDown``."""
+        """Send an order and return its number. None requests a sign of life. Raise ``WireDown``."""
         try:
             self._frames.send(Order(self._sent + 1, safe_state))
         except OSError as error:
@@ -71,32 +80,37 @@ class StopChild:
         return self._sent
 
     async def ready(self, within_s: float) -> None:
-        """Return when it could carry out an order. Raise ``WireDown``."""
+        """Wait until the child can carry out an order. Raise ``WireDown``."""
         if not await self._until(lambda: self._is_ready, within_s):
             raise self._silent(within_s)
 
     async def acknowledges(self, number: int, within_s: float) -> bool:
-        """Return whether it acknowledges an order in time, from the first one on that it has not
-        acknowledged. Raise ``WireDown`` when it ends."""
-        self._take_waiting()  # its answer to the last look may be here, unread: then it is not silent
+        """Return True if the child acknowledges an order in time.
+
+        The time counts from its oldest order without acknowledgement. Raise ``WireDown`` when the child ends.
+        """
+        # An unread answer to the last sign of life may be here. Then the child is not silent.
+        self._take_waiting()
         left_s = within_s - (self._clock.now_ns() - self._unheard_ns) / NS
         return await self._until(lambda: self._acknowledged >= number, max(0.0, left_s))
 
     async def carried_out(self, number: int, within_s: float) -> Reports:
-        """Return the reports of an order. Raise ``WireDown`` when they do not come in time."""
+        """Return the reports of an order. Raise ``WireDown`` if they do not come in time."""
 
         def reports() -> Reports | None:
             return self._done.reports if self._done is not None and self._done.number == number else None
 
         await self._until(lambda: reports() is not None, within_s)
-        found = reports()
-        if found is None:
+        result = reports()
+        if result is None:
             raise self._silent(within_s)
-        return found
+        return result
 
     def is_alive(self, now_ns: int, busy_s: float) -> bool:
-        """Return whether it has answered all that it was asked, and ask for the next sign of life. One
-        that carries out an order need not answer for ``busy_s``."""
+        """Return True if the child has answered all orders, and request the next sign of life.
+
+        A child that carries out an order need not answer for ``busy_s``.
+        """
         if self._is_awaited:
             return True
         try:
@@ -107,23 +121,25 @@ class StopChild:
                 return False
             self.send(None)
         except WireDown:
-            return False  # its end is seen elsewhere
+            return False  # another task notices its end
         return True
 
     def hang_up(self) -> None:
-        """End the wait for its answers: before its socket is closed."""
+        """End the wait for answers. Call it before the socket is closed."""
         trio.lowlevel.notify_closing(self.process.socket)
 
     def abandon(self) -> None:
-        """Kill it; nobody waits for its end."""
+        """Kill the child without waiting for its end."""
         self.hang_up()
         self.process.kill()
         self.process.part()
         self.process.socket.close()
 
     async def _until(self, condition: Callable[[], bool], within_s: float) -> bool:
-        """Take answers until ``condition()``; return whether that came in time. Raise ``WireDown``
-        when the child ends, or tells of trouble."""
+        """Handle answers until ``condition()`` is true. Return True if that came in time.
+
+        Raise ``WireDown`` when the child ends or reports trouble.
+        """
         self._take_waiting()
         self._is_awaited = True
         try:
@@ -163,21 +179,21 @@ class Frames:
         self._received = b""
 
     def send(self, message: msgspec.Struct) -> None:
-        """Raise ``OSError``: at once, or not at all."""
+        """Send a message without waiting. Raise ``OSError`` if it cannot leave at once."""
         data = msgspec.msgpack.encode(message)
         self._socket.send(len(data).to_bytes(_HEADER, "little") + data)
 
     async def receive(self) -> bytes:
-        """Return the next message; empty: the other end is gone."""
+        """Return the next message, or nothing if the other end is gone."""
         while (data := self.waiting()) is None:
             try:
                 await trio.lowlevel.wait_readable(self._socket)
-            except trio.ClosedResourceError:  # we have hung up
+            except trio.ClosedResourceError:  # this end has hung up
                 return b""
         return data
 
     def waiting(self) -> bytes | None:
-        """Return the next message, empty when the other end is gone, None when there is none yet."""
+        """Return the next message. It is empty when the other end is gone, and None if no message has come yet."""
         while True:
             size = int.from_bytes(self._received[:_HEADER], "little")
             if len(self._received) >= _HEADER + size and self._received:
@@ -198,5 +214,5 @@ class Frames:
 
 
 def short_name(place: str) -> str:
-    """Return the class's name of ``module:class``."""
+    """Return the name of the class in ``module:class``."""
     return place.rpartition(":")[2]

@@ -1,16 +1,17 @@
-"""A stop channel in processes of its own, for a stop that needs an SDK.
+"""A stop channel in separate processes, for a stop that needs an SDK.
 
-An SDK must not be loaded in the root, which must never hang. A child loads ``CHANNEL``, an ordinary
-stop channel, and stops the robot when it gets an order over a socket pair. A newer order ends the
-present one.
+An SDK must not be loaded in the root, which must never hang. A child loads ``CHANNEL``, an ordinary stop
+channel, and stops the robot when it gets an order over a socket pair. A newer order ends the present one.
 
-Two children (``READY``) stand ready, because importing an SDK takes longer than a robot's bound. One
-of them acts on an order: the first that is neither dead nor stopped (SIGSTOP). It acknowledges the
-order before it acts. A child that does not acknowledge within ``HEARD_S`` is killed, and the next one
-is ordered at once. So two children never write at a time, and a frozen child never writes later. The
-last child gets ``ANSWER_S``; if it is stopped, another one is started.
+Theory. Importing an SDK takes longer than a robot's bound, so two children (``READY``) wait with the SDK
+imported. Only one of them may act on an order.
 
-Idle children are asked for a sign of life. A child that has ended or does not answer is replaced.
+* The first child that is neither dead nor stopped (SIGSTOP) gets the order. It acknowledges the order before it
+  acts.
+* A child that does not acknowledge within ``HEARD_S`` is killed, and the next one is ordered at once. So two
+  children never write at the same time, and a frozen child never writes later.
+* The last child gets ``ANSWER_S``. If it is stopped, another one is started.
+* Idle children are asked for a sign of life. A child that has ended or does not answer is replaced.
 """
 
 from __future__ import annotations
@@ -197,7 +198,7 @@ class OwnProcess(StopChannel, Generic[ConfigT]):
 
     def _start(self) -> StopChild:
         """Start a child process. Raise ``WireDown``."""
-        told = {
+        args = {
             "channel": self.CHANNEL,
             "config_class": place_of(type(self.config)),
             "config": msgspec.to_builtins(self.config),
@@ -205,7 +206,7 @@ class OwnProcess(StopChannel, Generic[ConfigT]):
             "parent": os.getpid(),
         }
         try:
-            process = start(_ENTRY, told, self._descriptors, label=f"stop channel {self.CHANNEL}")
+            process = start(_ENTRY, args, self._descriptors, label=f"stop channel {self.CHANNEL}")
         except OSError as error:
             RESERVE.lacked(error)
             raise WireDown(f"stop channel: no process for {self.CHANNEL} ({error.strerror})") from None

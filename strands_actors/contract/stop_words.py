@@ -1,9 +1,9 @@
-"""Whether something that was sent as a tool's input, or over the mesh, asks for a stop, in whatever form. Pure.
+"""Recognise a stop in the input of a tool or a message from the mesh, in any form. Pure.
 
-A model, a gateway or a person sends a stop as an object, as JSON text or nearly JSON, as an object
-within another, in a list, in another case, or as a sentence of stop words alone. Each is understood.
-Nothing else is: a motion in another form than the declared one is refused, and where an object names
-another verb, a text beside it is no stop.
+A model, a gateway or a person sends a stop as an object, as JSON text or nearly JSON, as an object within
+another, in a list, in another case, or as a sentence of only stop words. All of these are understood. No other
+request is: a motion in a form that is not declared is refused. Where an object names another verb, a text next
+to it is no stop.
 """
 
 from __future__ import annotations
@@ -21,24 +21,24 @@ def _set(text: str) -> frozenset[str]:
 
 STOPS = _set("stop halt estop")
 VERB_KEYS = _set("action command cmd verb op operation intent")
-"""Words of a key whose value names the verb."""
+"""Words of a key that has the verb as its value."""
 INPUT_KEYS = _set(
     """tool tools name input inputs argument arguments args parameter parameters params function call calls use
     type method text message msg content contents request payload body data task instruction prompt value"""
 )
-"""Words of a key whose value may be all that is asked for."""
+"""Words of a key that may have the whole request as its value."""
 BESIDE = _set(
     """action command verb tool tools name input inputs argument arguments args parameter parameters params function
     type call calls use do please now immediately at once asap urgent urgently e emergency soft hard quick safe full
     the this my your its all everything every motor motors robot robots arm arms joint joints moving motion motions
     movement it and i you we must can could want need to hey ok json python true none null"""
 )
-"""Words that change nothing of a stop. So do the robot's own names, and numbers."""
+"""Words that do not change the meaning of a stop. The robot's own names and numbers do not either."""
 NO = _set("false no off n f 0")
-"""What a flag says that is not set."""
+"""Values of a flag that is not set."""
 ANY, IN_KEYS, INPUTS = STOPS | BESIDE, INPUT_KEYS | BESIDE, INPUT_KEYS - {"name"}
 LONGEST, LONGEST_JSON = 4096, 16384
-"""Characters: whoever says more than this says more than stop. JSON may have a long reason in it."""
+"""The most characters. A longer text asks for more than a stop. JSON may contain a long reason."""
 LONGEST_KEY = 40
 DEEPEST = 5
 WIDEST = 64
@@ -50,8 +50,13 @@ _HUMP = re.compile(r"(?<=[a-z])(?=[A-Z])")
 
 
 def asks_for_stop(given: object, names: str = "", depth: int = 0) -> bool:
-    """Return whether ``given`` asks for a stop and for nothing else. ``names``: of the
-    robot that is asked, which may be in it."""
+    """Return True if ``given`` asks for a stop and for nothing else.
+
+    Args:
+        given: The input or message.
+        names: The names of the robot, which may occur in it.
+        depth: The depth of nesting.
+    """
     if depth > DEEPEST:
         return False
     match given:
@@ -67,7 +72,7 @@ def asks_for_stop(given: object, names: str = "", depth: int = 0) -> bool:
 
 
 def names_estop(text: str) -> bool:
-    """Return whether the stop that ``text`` asks for is one that locks."""
+    """Return True if the stop in ``text`` is one that locks the robot (an e-stop)."""
     return bool(_LOCKING.search(text.lower()))
 
 
@@ -108,7 +113,7 @@ def _is_stop_as_object(given: Mapping[object, object], names: str, depth: int) -
 
 
 def _is_set(value: object, if_empty: bool) -> bool:
-    """Return whether a flag with this value is set. ``if_empty``: what an empty one means."""
+    """Return True if a flag with this value is set. ``if_empty`` is the meaning of an empty value."""
     match value:
         case str() if value.strip():
             return value.strip().lower() not in NO
@@ -120,7 +125,7 @@ def _is_set(value: object, if_empty: bool) -> bool:
 
 
 def _is_stop_as_json(text: str, names: str, depth: int) -> bool:
-    """Also where a fence, a tag or a word of a stop stands around it."""
+    """Return True if JSON in the text is a stop. A code fence, a tag or a stop word may stand around it."""
     begin = min((at for at in map(text.find, '{["') if at >= 0), default=-1)
     end = max(map(text.rfind, '}]"')) + 1
     if begin < 0 or end - begin > LONGEST_JSON or not _changes_nothing(f"{text[:begin]} {text[end:]}", names):
@@ -128,7 +133,7 @@ def _is_stop_as_json(text: str, names: str, depth: int) -> bool:
     try:
         return asks_for_stop(msgspec.json.decode(text[begin:end]), names, depth + 1)
     except (msgspec.DecodeError, RecursionError):
-        return False  # it says nothing
+        return False  # it is no JSON
 
 
 def _is_pairs(text: str, names: str, depth: int) -> bool:

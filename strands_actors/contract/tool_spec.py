@@ -1,4 +1,4 @@
-"""A robot as a tool, as strands-agents and MCP want it: from what its driver declares. Pure."""
+"""Describe a robot as a tool for strands-agents and MCP, from the declarations of its driver. Pure."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from .driver import Driver
 
 
 def tool_spec(tool_name: str, driver: Driver) -> dict[str, Any]:
-    """As strands-agents and MCP want it; ``action`` names the verb."""
+    """Return the specification of the tool. Its input ``action`` names the verb."""
     verbs = verbs_of(driver)
     properties: dict[str, Any] = {
         "action": {
@@ -33,7 +33,7 @@ def tool_spec(tool_name: str, driver: Driver) -> dict[str, Any]:
 
 
 def _with_axes(schema: Mapping[str, Any], driver: Driver) -> dict[str, Any]:
-    """An object is keyed by axis."""
+    """Add the axes to the schema of an object, which has one number for each axis."""
     if schema["type"] != "object":
         return dict(schema)
     return {

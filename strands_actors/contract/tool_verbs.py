@@ -93,7 +93,7 @@ MOVE_AT_ONCE = ToolVerb(
     {"targets": {"type": "object", "description": "joint to target, in the robot's units"}},
     ("targets",),
 )
-"""For a driver that only knows that its robot accepts targets."""
+"""The verb of a driver that only knows that its robot accepts targets."""
 
 SET_TORQUE = ToolVerb(
     "set_torque",

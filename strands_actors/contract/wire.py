@@ -90,9 +90,9 @@ class ProcessSpent(Exception):
 class Wire(ABC):
     """All I/O of one robot, in the wire process.
 
-    Calls never overlap, except that ``serve`` and ``perform`` run beside the others. A stop cancels
-    ``read`` and ``write`` wherever they wait. A call that cannot be cancelled (of an SDK, in a thread)
-    has to be shielded, with a deadline shorter than the robot's bound.
+    Calls never overlap, except that ``serve`` and ``perform`` run at the same time as others. A stop cancels
+    ``read`` and ``write`` wherever they wait. A call that cannot be cancelled (of an SDK, in a thread) has to
+    be shielded, with a deadline shorter than the robot's bound.
     """
 
     interruptible: ClassVar[bool] = False
@@ -139,10 +139,10 @@ class Wire(ABC):
         """
 
     async def serve(self, task_status: trio.TaskStatus[None] = trio.TASK_STATUS_IGNORED) -> None:
-        """Run in the background: answer a peer that asks by itself, keep the newest sample for ``read``.
+        """Run in the background: answer a peer that sends requests, keep the newest sample for ``read``.
 
-        It is started after ``open`` and cancelled before ``close``. It may return if there is nothing
-        to do. It writes only setpoints that ``write`` was given, and none after ``make_safe``.
+        It is started after ``open`` and cancelled before ``close``. It may return if there is nothing to do. It
+        writes only setpoints from ``write``, and no setpoint after ``make_safe``.
 
         Args:
             task_status: Call ``started()`` when the first ``read`` may come.
@@ -239,8 +239,8 @@ class StopChannel(ABC):
     """
 
     SERVED_FIRST: ClassVar[bool] = True
-    """True if a channel that is made during a stop has to be served first, for ``Timing.handover_s`` at
-    most. False if ``make_safe`` opens what it needs, and writes before the robot has answered."""
+    """True if a channel that is made during a stop has to be served first, for ``Timing.handover_s`` at most.
+    False if ``make_safe`` opens its own connections, and writes before the robot has answered."""
 
     @property
     def hosts(self) -> Sequence[str]:

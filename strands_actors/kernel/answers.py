@@ -1,4 +1,4 @@
-"""Check the kind of an answer: the message that was expected, or a refusal."""
+"""Check the type of an answer: the expected message, or a refusal."""
 
 from __future__ import annotations
 
@@ -11,8 +11,15 @@ Answer = TypeVar("Answer", bound=Message)
 
 
 def read_answer(answer: Message | None, kind: type[Answer], verb: str = "") -> Answer | Refused:
-    """Return the answer if it is of that kind or a refusal. Else return a refusal: a missing answer, and
-    an answer of another kind, are no success (SAF-023)."""
+    """Return the answer if it has the expected type or is a refusal.
+
+    Otherwise return a refusal: a missing answer, or one of another type, is no success (SAF-023).
+
+    Args:
+        answer: The answer as received.
+        kind: The expected type.
+        verb: The verb that the refusal names.
+    """
     if isinstance(answer, kind | Refused):
         return answer
     return Refused(Code.NO_ANSWER, "no answer", verb=verb)

@@ -1,4 +1,4 @@
-"""What an asker waits on, and for how long."""
+"""Pending answers of asks, and their deadlines."""
 
 from __future__ import annotations
 
@@ -14,11 +14,12 @@ from .messages import Message
 
 
 class AskTimeout(Exception):
-    """No answer before the deadline. What was asked may still have happened: follow with a stop."""
+    """The answer did not come before the deadline. The request may still have been carried out, so follow with
+    a stop."""
 
 
 class Unreachable(Exception):
-    """The actor is not there, or is gone, perhaps with the question. The text is for users."""
+    """The actor does not exist, or ended, perhaps after it had read the request. The text is for users."""
 
 
 def not_there(address: str) -> Unreachable:
@@ -36,16 +37,16 @@ def _spoken(address: str) -> str:
 
 
 class Answer:
-    """The slot an ask waits on. The reply may come before the asker has parked."""
+    """The pending answer of one ask. The reply may come before the sender waits for it."""
 
     __slots__ = ("_task", "_value", "decode", "done", "expires_at", "to", "way")
 
     def __init__(self, decode: Callable[[msgspec.Raw], Message | None] | None) -> None:
         self.decode = decode
         self.to = ""
-        """The address of another process that was asked."""
+        """The address of the receiver, if it lives in another process."""
         self.way: object = None
-        """Over which it was asked, and over which alone an answer counts."""
+        """The way over which the request left. An answer that comes over another way is refused."""
         self.done = False
         self.expires_at = 0.0
         self._task: trio.lowlevel.Task | None = None
@@ -82,8 +83,11 @@ class Answer:
 
 
 class Deadlines:
-    """Asks of one duration expire in the order they were made: a queue per duration, one sweeper
-    task. (``trio.fail_after`` around each ask costs twice the ask.)"""
+    """Let asks expire.
+
+    Asks with the same timeout expire in the order in which they were made. So there is one queue for each
+    timeout, and one task for all queues. (``trio.fail_after`` around each ask costs twice the ask.)
+    """
 
     def __init__(self) -> None:
         self._queues: dict[float, deque[Answer]] = {}
@@ -96,7 +100,8 @@ class Deadlines:
             queue.popleft()
         answer.expires_at = trio.current_time() + duration_s
         queue.append(answer)
-        if answer.expires_at < self._next_at:  # else the sweeper looks early enough
+        # Otherwise the running task wakes up early enough.
+        if answer.expires_at < self._next_at:
             self._wake.set()
 
     async def run(self) -> None:

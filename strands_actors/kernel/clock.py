@@ -1,12 +1,11 @@
-"""Time: one number everywhere, nanoseconds of one monotonic clock.
+"""Time: nanoseconds of one monotonic clock, everywhere.
 
-Between processes of one host a deadline is a CLOCK_MONOTONIC reading, so that it means the same in
-each of them. Under ``trio.testing.MockClock`` the same code reads trio's clock instead, and a whole
-robot tree runs in virtual time.
+Between processes of one host a deadline is a CLOCK_MONOTONIC reading, so it means the same in each of them.
+Under ``trio.testing.MockClock`` the same code reads trio's clock, and a whole robot tree runs in virtual time.
 
-A periodic task ticks on a timerfd: trio hands epoll a timeout rounded to milliseconds, which is
-0.6 ms late on average; a timerfd is 0.05 ms late, like a C loop. Where there is no timerfd
-(macOS, virtual time) trio's own clock does the same job, less exactly.
+A periodic task ticks on a timerfd. trio passes epoll a timeout rounded to milliseconds, which is 0.6 ms late on
+average. A timerfd is 0.05 ms late, like a C loop. Where there is no timerfd (macOS, virtual time), trio's own
+clock is used, which is less exact.
 """
 
 from __future__ import annotations
@@ -27,10 +26,10 @@ NS = 1_000_000_000
 
 
 class Clock(Protocol):
-    """What every actor may ask of time."""
+    """The clock that every actor uses."""
 
     def now_ns(self) -> int:
-        """Nanoseconds of the host's monotonic clock."""
+        """Return nanoseconds of the host's monotonic clock."""
         ...
 
     async def sleep_until_ns(self, deadline_ns: int) -> None:
@@ -38,13 +37,16 @@ class Clock(Protocol):
         ...
 
     def ticks(self, period_s: float) -> AsyncGenerator[int, None]:
-        """Yield now_ns once per period. Ticks that were missed are skipped, never made up for. Who
-        leaves the loop before he is cancelled closes it (``contextlib.aclosing``)."""
+        """Yield ``now_ns`` once per period.
+
+        Missed ticks are skipped and never made up for. A caller that leaves the loop without being cancelled
+        must close the generator (``contextlib.aclosing``).
+        """
         ...
 
 
 class VirtualClock:
-    """Reads trio's clock: for trees that run under ``MockClock``."""
+    """The clock of trees that run under ``MockClock``: it reads trio's clock."""
 
     def now_ns(self) -> int:
         return round(trio.current_time() * NS)
@@ -92,8 +94,10 @@ _TFD_CLOEXEC = getattr(os, "O_CLOEXEC", 0)
 
 
 def _timerfd(period_s: float) -> int | None:
-    """Return a periodic timerfd, or None where the system has none. ctypes: the os module has it
-    from 3.13 on."""
+    """Return a periodic timerfd, or None where the system has none.
+
+    It uses ctypes because the os module has timerfd only from Python 3.13 on.
+    """
     if not sys.platform.startswith("linux"):
         return None
     libc = ctypes.CDLL(None, use_errno=True)
@@ -110,7 +114,7 @@ def _timerfd(period_s: float) -> int | None:
 
 
 def has_timerfd() -> bool:
-    """Return whether periodic tasks tick on one here."""
+    """Return True if periodic tasks tick on a timerfd on this system."""
     fd = _timerfd(1.0)
     if fd is not None:
         os.close(fd)

@@ -1,8 +1,8 @@
-"""What travels between nodes: one frame format for links and meshes.
+"""Frames between nodes: one format for links and meshes.
 
-A frame is a msgpack array ``[to, kind, cid, sender, reply_to, body]``. The body stays raw until the
-receiving actor's own decoder reads it, so a frame for nobody, or with a body of the wrong type,
-costs nothing but a refusal.
+A frame is a msgpack array ``[to, kind, cid, sender, reply_to, body]``. The body stays raw until the decoder of
+the receiving actor reads it. So a frame to an unknown address, or with a body of the wrong type, costs only a
+refusal.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ class Frame(msgspec.Struct, frozen=True, array_like=True, gc=False):
 
 
 class Down(Message, frozen=True):
-    """A watched actor is gone. It comes behind all that the actor had told before."""
+    """A watched actor has ended. This comes after all messages that the actor sent before."""
 
     address: str
     reason: str
@@ -48,8 +48,7 @@ def frame(to: str, kind: int, cid: int, sender: str, reply_to: str, body: object
 
 
 def outline(data: bytes) -> bytes | None:
-    """Return a frame with nothing left of its body but the type's name; None when it is no
-    frame."""
+    """Return the frame with its body reduced to the name of its type, or None if ``data`` is no frame."""
     try:
         head = decode_frame(data)
         body = _decode_any(head.body)
@@ -63,7 +62,7 @@ _decode_any = msgspec.msgpack.Decoder().decode
 
 
 class Protocol:
-    """What an actor class accepts and answers, read from the annotation of its ``receive``."""
+    """The messages that an actor class accepts and answers, from the annotation of its ``receive``."""
 
     __slots__ = ("accepts", "carriers", "decode", "decode_reply", "is_async", "name", "stamped")
 
@@ -92,7 +91,8 @@ class Protocol:
         self.accepts = frozenset(accepts)
         self.carriers = frozenset(kind for kind in accepts if "descriptors" in kind.__struct_fields__)
         self.stamped = frozenset(kind for kind in accepts if "channel" in kind.__struct_fields__)
-        """The field says over which channel it came: what the sender wrote there does not count."""
+        """Messages with a field for the channel over which they came. The router sets it, whatever the sender
+        wrote there."""
         self.decode: Callable[[Any], Message] = msgspec.msgpack.Decoder(_union(accepts)).decode
         self.decode_reply: Callable[[Any], Message | None] = msgspec.msgpack.Decoder(
             _union((*replies, Refused, None))
@@ -105,7 +105,7 @@ class Protocol:
 
 
 def read_reply(decode: Callable[[Any], Message | None], body: Any) -> Message | None:
-    """By an actor's ``decode_reply``; what it cannot read becomes a refusal."""
+    """Decode a reply with an actor's ``decode_reply``. A body that it cannot read becomes a refusal."""
     try:
         return decode(body)
     except (msgspec.MsgspecError, RecursionError, UnicodeDecodeError) as error:
@@ -116,7 +116,7 @@ _protocols: dict[Any, Protocol] = {}
 
 
 def protocol_of(actor_class: Any) -> Protocol:
-    """Return the protocol of an actor class, built once."""
+    """Return the protocol of an actor class. It is built once."""
     protocol = _protocols.get(actor_class)
     if protocol is None:
         protocol = _protocols[actor_class] = Protocol(actor_class.receive, actor_class.__name__)

@@ -1,14 +1,17 @@
-"""Whose turn it is: who runs in a node's loop also runs the idle actors that it has just given
-mail.
+"""Run idle actors in the turn of the sender, instead of waking a task for each message.
 
-One pass of trio's scheduler costs more than most messages (4 us and a system call against 1). A setpoint goes
-through three actors and a keepalive through four, 500 times a second; so a message to an actor that waits does
-not wake the actor's own task, but is handled in its place, at the end of the turn in which it was sent: when the
-sender's handler has returned. What an actor sees is the same: one message at a time, in the same order, never
-from within a handler; and what it raises is its own.
+Theory. One pass of trio's scheduler costs more than most messages (4 us and a system call, against 1 us). A
+setpoint goes through three actors and a keepalive through four, 500 times a second. So a message to an idle
+actor does not wake the actor's task. The dispatcher handles it in that task's place, at the end of the turn in
+which it was sent.
 
-Only handlers that wait for nothing are run so: synchronous ones, and what an actor calls prompt. A
-turn gives way after ``LONGEST_NS`` or ``BURST``: who still has mail is woken.
+* A turn is one uninterrupted run of a handler, or of a receiver of frames. It ends when the handler returns or
+  waits.
+* An actor cannot see the difference. It handles one message at a time, in the same order, and never from within
+  another handler. An exception of the actor stays the actor's own.
+* Only handlers that wait for nothing run like this: synchronous ones, and those that the actor calls prompt
+  (``Actor.is_prompt``).
+* A turn ends after ``LONGEST_NS`` or ``BURST`` actors. Actors that still have messages are woken.
 """
 
 from __future__ import annotations
@@ -22,24 +25,28 @@ from .clock import Clock
 
 LONGEST_NS = 400_000
 BURST = 1024
-"""Messages of one actor, or actors, in one go: in virtual time no nanosecond passes meanwhile."""
+"""The most messages of one actor, and the most actors, in one turn. In virtual time no nanosecond passes
+meanwhile, so that ``LONGEST_NS`` alone is no limit."""
 
 
 class Worker(Protocol):
-    """An actor as a turn sees it."""
+    """The interface of an actor to the dispatcher."""
 
     def help(self, until_ns: int) -> bool:
-        """Handle what is there, until ``until_ns``; whether that was all. Raises nothing of the
-        actor's own."""
+        """Handle waiting messages until ``until_ns``. Return True if no message is left. Raise no exception of
+        the actor."""
         ...
 
     def wake(self) -> None:
-        """Its own task shall do it."""
+        """Wake the actor's own task to handle the messages."""
         ...
 
 
 class InlineDispatch:
-    """Of one node. Enter it around what gives actors mail; nothing may be awaited inside."""
+    """The dispatcher of one node.
+
+    Enter it around code that sends messages to actors, and await nothing inside.
+    """
 
     __slots__ = ("_clock", "_depth", "_ready")
 
@@ -49,8 +56,7 @@ class InlineDispatch:
         self._ready: deque[Worker] = deque()
 
     def offer(self, worker: Worker) -> bool:
-        """Return whether it will be helped, or woken, at the end of this turn. False: there is no
-        turn."""
+        """Queue the actor for the end of this turn. Return False if there is no turn."""
         if self._depth:
             self._ready.append(worker)
             return True
@@ -87,8 +93,11 @@ class InlineDispatch:
 
     @types.coroutine
     def of(self, handler: Coroutine[Any, Any, Any]) -> Generator[Any, Any, Any]:
-        """Await ``handler``: what it runs in one go is a turn. When it waits, who got mail is woken
-        instead of helped: among them may be who ends its wait, which trio does not know of yet."""
+        """Await ``handler``. Each part that it runs without waiting is a turn.
+
+        When the handler waits, actors with messages are woken instead of run here. One of them may end this
+        very wait, and trio does not know of the wait yet.
+        """
         resume, value = handler.send, None
         while True:
             self._depth += 1

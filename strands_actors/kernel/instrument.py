@@ -1,7 +1,7 @@
-"""What a recorder is told of the actors of a node. While there is none, all it costs is an ``if``.
+"""The hooks by which a recorder follows the actors of a node. Without a recorder they cost one ``if`` each.
 
-An instrument is called from inside the handlers: it notes and returns. It does not wait, encode or
-raise.
+An instrument is called from within handlers, so it only stores its arguments and returns. It does not wait,
+encode or raise.
 """
 
 from __future__ import annotations
@@ -12,34 +12,43 @@ from .messages import Message, Refused
 
 
 class Instrument(Protocol):
-    """Set as ``Node.instrument``. Addresses are those of actors of the node, messages are
-    frozen."""
+    """The interface of a recorder, set as ``Node.instrument``.
+
+    Addresses are those of actors of the node. Messages are frozen.
+    """
 
     def took(self, address: str, at_ns: int, message: Message, asked: bool = False) -> None:
-        """An actor takes a message up; what follows of the same actor is what it makes of it.
-        ``asked``: somebody waits for the answer."""
+        """An actor begins to handle a message. Later calls for the same actor are results of it.
+
+        Args:
+            address: The actor.
+            at_ns: The time that the handler sees as ``received_ns``.
+            message: The message.
+            asked: True if the sender waits for the answer.
+        """
         ...
 
     def answered(self, address: str, answer: Message | None) -> None: ...
 
     def deferred(self, address: str, number: int) -> None:
-        """Instead of an answer: it comes later, as ``settled`` with this number."""
+        """The actor answers later, by ``settled`` with this number."""
         ...
 
     def settled(self, address: str, number: int, answer: Message | None) -> None: ...
 
     def sent(self, sender: str, to: str, message: Message) -> None:
-        """A tell. (An ask is made by a task beside the actor, not by its handler.)"""
+        """An actor sent a message by ``tell``. (An ask is made by a task next to the actor, not by its
+        handler.)"""
         ...
 
     def saw(self, address: str, value: object) -> None:
-        """What a handler has read of the world beside its message, or written into it."""
+        """A handler has read a value from outside of its message, or written one."""
         ...
 
     def refused(self, to: str, what: str, refusal: Refused) -> None:
-        """The kernel refused a message (by its type's name) before the actor could read it."""
+        """The kernel refused a message before the actor could read it. ``what`` is the name of its type."""
         ...
 
     def noted(self, address: str, at_ns: int, message: Message) -> None:
-        """An event that no message tells."""
+        """An event without a message."""
         ...

@@ -32,11 +32,16 @@ class Node(Router):
     """Enter with ``async with open_nursery() as n: await n.start(node.run)``."""
 
     async def run(self, task_status: trio.TaskStatus[None] = trio.TASK_STATUS_IGNORED) -> None:
-        """Serve deadlines; runs as long as the node."""
+        """Let asks expire. Runs as long as the node."""
         task_status.started()
         await self.deadlines.run()
 
     def cell(self, path: str, factory: Callable[[], Actor], role: str = "") -> Cell:
-        """Return a cell not yet running; give its ``run`` to a supervisor. ``path`` is
-        ``<robot>/actor/<name>``."""
+        """Return a cell that is not running yet. Pass its ``run`` to a supervisor.
+
+        Args:
+            path: ``<robot>/actor/<name>``.
+            factory: Makes the actor of each incarnation.
+            role: The name in lists of actors. Empty for the last part of ``path``.
+        """
         return Cell(self, f"{PREFIX}/{path}", factory, role)

@@ -1,4 +1,4 @@
-"""References: how an actor, in this process or another, is asked and told."""
+"""References to actors, in this process or another: ``tell``, ``ask`` and their variants."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ from .messages import Message
 from .ways import Mesh, Way
 
 PROMPT = 32
-"""Answers that were there at once before an asker lets other tasks run all the same."""
+"""After so many answers that came without waiting, a sender still lets other tasks run once."""
 
 
 class Hosted(TypingProtocol):
-    """An actor as its node knows it. ``actor.Cell`` is one."""
+    """An actor as its node sees it. ``actor.Cell`` implements this."""
 
     address: str
     role: str
@@ -37,7 +37,7 @@ class Hosted(TypingProtocol):
 
 
 class Home(TypingProtocol):
-    """What a reference uses of the node of its process. ``router.Router`` says what each does."""
+    """The part of a node that a reference uses. ``router.Router`` documents it."""
 
     address: str
     mesh: Mesh | None
@@ -65,7 +65,7 @@ class Home(TypingProtocol):
 
 
 class ActorRef(TypingProtocol):
-    """What can be asked and told. ``Ref`` says what each does."""
+    """The interface of a reference. ``Ref`` documents it."""
 
     address: str
 
@@ -77,7 +77,7 @@ class ActorRef(TypingProtocol):
 
 
 class Ref:
-    """A way to reach one actor. Cheap; make as many as you like."""
+    """A reference to one actor. It is cheap to make."""
 
     __slots__ = ("_cell", "_node", "_protocol", "_sender", "address")
 
@@ -89,14 +89,14 @@ class Ref:
         self._cell: Hosted | None = None
 
     def _local(self) -> Hosted | None:
-        """Return the cell, if it is one of this node's."""
+        """Return the actor's cell if this node hosts it."""
         cell = self._cell
         if cell is None or not cell.hosted:
             self._cell = cell = self._node.cells.get(self.address)
         return cell
 
     def tell(self, message: Message) -> None:
-        """Send and forget. What cannot be delivered becomes a dead letter."""
+        """Send without an answer. A message that cannot be delivered becomes a dead letter."""
         node = self._node
         if node.instrument is not None:
             node.instrument.sent(self._sender, self.address, message)
@@ -105,7 +105,8 @@ class Ref:
             cell = self._local()
         if cell is not None:
             mailbox, kind = cell.mailbox, type(message)
-            if kind in cell.commands and len(mailbox.queue) < mailbox.capacity:  # as Mailbox.put; a call less
+            # As ``Mailbox.put``, with one call less.
+            if kind in cell.commands and len(mailbox.queue) < mailbox.capacity:
                 mailbox.queue.append(message)
                 if mailbox.idle:
                     mailbox.rouse()
@@ -115,8 +116,16 @@ class Ref:
             node.dead(self.address, message, "nobody hosts it")
 
     async def ask(self, message: Message, deadline_s: float) -> Message | None:
-        """Send and wait for the answer. Raise ``AskTimeout`` or ``Unreachable``; a refusal is an
-        answer."""
+        """Send and wait for the answer. A refusal is an answer.
+
+        Args:
+            message: The request.
+            deadline_s: Seconds from now until which the answer must have come.
+
+        Raises:
+            AskTimeout: No answer came in time. The request may still have been carried out.
+            Unreachable: The actor does not exist, or ended before it answered.
+        """
         node = self._node
         answer = Answer(self._protocol.decode_reply if self._protocol else None)
         cell = self._local()
@@ -142,17 +151,25 @@ class Ref:
             node.pending.pop(cid, None)
 
     def ask_here(self, message: Message, deadline_s: float) -> Message | None:
-        """As ``ask``, of an actor of another process that is on the mesh: from any thread but the
-        loop's, which it would hold up. The loop has no part in it."""
+        """As ``ask``, from any thread except that of the loop, which would be blocked.
+
+        The actor must live in another process and be on the mesh. The loop takes no part in it.
+        """
         mesh, protocol = self._node.mesh, self._protocol
         if mesh is None or protocol is None:
             raise not_there(self.address)
-        sender = f"{self._sender}/thread-{threading.get_ident()}"  # of each the newest setpoint waits, not of all
+        # The thread is part of the sender's name, so that the newest setpoint of each thread waits, not the
+        # newest of all.
+        sender = f"{self._sender}/thread-{threading.get_ident()}"
         return mesh.ask(self.address, sender, message, protocol.decode_reply, deadline_s)
 
     def ask_at_once(self, message: Message) -> Sent | None:
-        """From any thread, without its loop: send over a link to the process of the actor. None:
-        there is none, or it has something to send before, and nothing was sent."""
+        """Send over a link, from any thread, without the loop.
+
+        Returns:
+            The sent request. None if no link leads to the actor, or if the link still has other frames to send:
+            then nothing was sent.
+        """
         node = self._node
         link = node.route(self.address)
         if link is None:
@@ -160,7 +177,8 @@ class Ref:
         cid, answer = node.new_cid(), Answer(self._protocol.decode_reply if self._protocol else None)
         answer.to, answer.way = self.address, link
         sent = Sent(node, cid, answer)
-        node.pending[cid] = answer  # before it leaves: the loop may be quicker with the answer than this thread
+        # Stored before the frame leaves: the loop may read the answer before this thread continues.
+        node.pending[cid] = answer
         if not link.send_at_once(frame(self.address, ASK, cid, self._sender, node.address, message)):
             sent.forget()
             return None
@@ -168,7 +186,7 @@ class Ref:
 
 
 class Sent:
-    """An ask that has left, by ``Ref.ask_at_once``. What becomes of it is for the loop."""
+    """A request that ``Ref.ask_at_once`` has sent. The loop handles its answer."""
 
     __slots__ = ("_answer", "_cid", "_node")
 
@@ -176,7 +194,7 @@ class Sent:
         self._node, self._cid, self._answer = node, cid, answer
 
     async def answer(self, deadline_s: float) -> Message | None:
-        """Wait for it, as ``Ref.ask`` does. Raise ``AskTimeout`` or ``Unreachable``."""
+        """Wait for the answer. Raise as ``Ref.ask`` does."""
         try:
             if not self._answer.done:
                 self._node.deadlines.add(self._answer, deadline_s)

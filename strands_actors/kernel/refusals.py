@@ -1,7 +1,7 @@
-"""The catalogue of refusals: every code that this package gives, what it means, and what to do.
+"""The catalogue of refusals: every code of this package, its meaning and its remedy.
 
-A code is for programs, and stays as it is. A wire has codes of its own in its ``refusals`` module,
-of the same type. ``docs/refusals.md`` is made of these tables.
+A code is for programs and never changes. A wire has codes of its own, of the same type, in its ``refusals``
+module. ``docs/refusals.md`` is generated from these tables.
 """
 
 from __future__ import annotations
@@ -24,9 +24,9 @@ class RefusalCode(enum.StrEnum):
 
 
 class Code(RefusalCode):
-    """What is no wire's alone."""
+    """The codes that are not specific to one wire."""
 
-    # orders and who may give them
+    # commands, and the right to give them
     NO_ANSWER = (
         "no_answer",
         "nobody answered in time",
@@ -80,7 +80,7 @@ class Code(RefusalCode):
     NOTHING_RAN = "nothing_ran", "nothing of the robot ran, so that nothing was stopped", "look at the robot"
     FORKED = "forked", "a forked child does not have the robot", "call it in the parent process"
 
-    # what is asked for
+    # the content of a request
     EMPTY = "empty", "an action names nothing", "name a joint"
     NOT_A_MAPPING = "not_a_mapping", "an action is no mapping", "give joints with numbers"
     TOO_MANY_KEYS = "too_many_keys", "an action has too many keys", "give fewer"
@@ -141,7 +141,7 @@ class Code(RefusalCode):
     )
     ELSEWHERE = "elsewhere", "the robot is run by another host", "do it on that host"
 
-    # the robot, on several wires
+    # states of the robot, on several wires
     FAULT = "fault", "the robot reports a fault", "clear it at the robot, then resume()"
     ROBOT_MODE = (
         "robot_mode",

@@ -1,9 +1,12 @@
-"""Where an address lives, and how a message gets there.
+"""Deliver messages to addresses: within this process, over a link, or over the mesh.
 
-A message to an address of this process goes straight into the mailbox. Otherwise it leaves as a
-frame: over the link (inherited socket) whose other end announced the address, else over the mesh.
-Semantics are the same on every way: ``tell`` never waits, ``ask`` has a deadline, ``watch`` answers
-with ``Down``.
+A message to an address of this process goes straight into the mailbox. Otherwise it leaves as a frame: over the
+link (an inherited socket) whose other end announced the address, or else over the mesh. The semantics are the
+same on every way: ``tell`` never waits, ``ask`` has a deadline, and ``watch`` is answered with ``Down``.
+
+Trust. On a link the kernel guarantees which process is at the other end. On the mesh any process may claim any
+address. So the mesh cannot announce addresses (``HOSTS``), addresses in ``linked`` are never reached over the
+mesh, and an answer counts only on the way over which the request left.
 """
 
 from __future__ import annotations
@@ -38,8 +41,11 @@ class DeadLetter(msgspec.Struct, frozen=True):
 
 
 class _RemoteReply:
-    """Over the way by which it was asked: whoever asks names where the answer goes, and could name
-    another."""
+    """The receiver of an answer in another process.
+
+    The answer goes back over the way of the request. The requester also names an address for the answer, and
+    could name one of another process.
+    """
 
     __slots__ = ("_cid", "_node", "_to", "_way")
 
@@ -52,7 +58,7 @@ class _RemoteReply:
 
 
 class Router:
-    """Which address lives where: in this process, behind a link, or on the mesh."""
+    """The addresses that a process can reach, and the actors that it hosts."""
 
     def __init__(self, name: str, clock: Clock, mesh: Mesh | None = None) -> None:
         self.name = name
@@ -67,10 +73,9 @@ class Router:
         self.dead_letter_count = 0
         self.refused_count = 0
         self.instrument: Instrument | None = None
-        """Told what the actors of this node do, while somebody records them."""
+        """The recorder of this node's actors, if there is one."""
         self.linked: frozenset[str] = frozenset()
-        """Addresses that are reached by a link or not at all: on a mesh anybody could claim
-        them."""
+        """Addresses that are reached over a link or not at all. On a mesh any process could claim them."""
         self._links: set[Way] = set()
         self._routes: dict[str, Way] = {}
         self._watchers: dict[str, set[str]] = {}
@@ -80,21 +85,21 @@ class Router:
     # -- actors of this process
 
     def host(self, cell: Hosted) -> None:
-        known = self.cells.get(cell.address)
-        if known is not None and known is not cell:
+        existing = self.cells.get(cell.address)
+        if existing is not None and existing is not cell:
             raise ValueError(f"{cell.address} is already hosted here")
-        if known is None:
+        if existing is None:
             self.cells[cell.address] = cell
             cell.hosted = True
             for way in self._ways():
                 way.announce(cell.address, True)
 
     def unhost(self, cell: Hosted, reason: str) -> None:
-        """An incarnation ended; the address stays hosted, its mailbox waits for the next."""
+        """End an incarnation. The address stays hosted, and its mailbox waits for the next one."""
         self._notify_down(cell.address, reason)
 
     def release(self, cell: Hosted) -> None:
-        """The address is given up: what waits in the mailbox is refused."""
+        """Give up the address, and refuse the messages in its mailbox."""
         if self.cells.pop(cell.address, None) is None:
             return
         cell.hosted = False
@@ -110,7 +115,7 @@ class Router:
         return Ref(self, address, protocol, sender or self.address)
 
     def put(self, cell: Hosted, message: Message, reply: ReplyTo | None, sender: str) -> bool:
-        """Into the mailbox; False when it was refused."""
+        """Put a message into the mailbox of an actor here. Return False if it was refused."""
         if type(message) not in cell.protocol.accepts:
             self._refuse(cell.address, message, cell.protocol.wrong_type(message), reply)
             return False
@@ -121,7 +126,7 @@ class Router:
         return True
 
     def put_local(self, cell: Hosted, message: Message, reply: ReplyTo | None, sender: str) -> None:
-        """As ``put``, from this process: descriptors are duplicated, as on a link."""
+        """As ``put``, for a message of this process: its descriptors are duplicated, as on a link."""
         if type(message) in cell.protocol.carriers:
             own = tuple(os.dup(fd) for fd in message.descriptors)  # type: ignore[attr-defined]
             if not self.put(cell, msgspec.structs.replace(message, descriptors=own), reply, sender):
@@ -144,30 +149,30 @@ class Router:
     # -- ways out
 
     def is_turn(self) -> bool:
-        """Return, once in so many answers that were there at once, that other tasks are to run."""
+        """Return True for one in ``PROMPT`` answers that came without waiting: then other tasks must run."""
         return next(self._prompt) % PROMPT == 0
 
     def new_cid(self) -> int:
         return next(self._cids)
 
     def route(self, address: str) -> Way | None:
-        """Return the link behind which it lives."""
+        """Return the link that leads to the address, or None."""
         return self._routes.get(address)
 
     def way_to(self, address: str) -> Way | None:
-        """Return the link behind which it lives, or else the mesh."""
+        """Return the link that leads to the address, or else the mesh."""
         link = self._routes.get(address)
         return link if link is not None or address in self.linked else self.mesh
 
     def attach(self, way: Way) -> None:
-        """A link came up: tell its other end what lives here."""
+        """Use a new link, and announce the addresses of this node over it."""
         self._links.add(way)
         way.announce(self.address, True)
         for address in self.cells:
             way.announce(address, True)
 
     def learn(self, address: str, way: Way, hosted: bool) -> None:
-        """The other end of a link hosts ``address`` (or no longer does)."""
+        """Note that the other end of a link hosts ``address``, or no longer does."""
         if hosted:
             self._routes[address] = way
         elif self._routes.get(address) is way:
@@ -175,7 +180,7 @@ class Router:
             self._lose(address, way)
 
     def detach(self, way: Way) -> None:
-        """A link went down: everything behind it is gone."""
+        """Forget a link that is down, with all addresses that it led to."""
         self._links.discard(way)
         for address in [known for known, route in self._routes.items() if route is way]:
             self.learn(address, way, False)
@@ -195,12 +200,15 @@ class Router:
         return way.send(to, data, descriptors, body is not None and body.lane == "urgent" and kind in (TELL, ASK))
 
     def receive_frame(self, data: bytes, way: Way, descriptors: tuple[int, ...] = ()) -> None:
-        """Bytes from a link or a mesh. Never raises: what cannot be read is refused and counted."""
+        """Handle a frame from a link or a mesh.
+
+        This never raises: a frame that cannot be read is refused and counted.
+        """
         if not self._receive(data, way, descriptors):
             _close_all(descriptors)
 
     def _receive(self, data: bytes, way: Way, descriptors: tuple[int, ...]) -> bool:
-        """Return whether an actor got a message, and with it the descriptors."""
+        """Return True if an actor got the message, and the descriptors with it."""
         try:
             head = decode_frame(data)
         except (msgspec.MsgspecError, RecursionError, UnicodeDecodeError) as error:
@@ -215,7 +223,8 @@ class Router:
             return self._receive_message(head, head.body, way, len(data), descriptors)
         if kind == REPLY:
             self._receive_reply(head, way)
-        elif kind == HOSTS and way in self._links:  # on a mesh anybody could claim anything
+        # Only a link may announce: on a mesh any process could claim any address.
+        elif kind == HOSTS and way in self._links:
             self.learn(head.sender, way, head.cid == 1)
         elif kind == WATCH:
             self._watchers.setdefault(head.to, set()).add(head.sender)
@@ -265,7 +274,8 @@ class Router:
         if type(message) not in cell.protocol.carriers:
             self.put(cell, message, reply, head.sender)
             return False
-        # The numbers in the body are the sender's; only what came with the frame is ours.
+        # The numbers in the body are descriptors of the sender. Only those that came with the frame are valid
+        # here.
         message = msgspec.structs.replace(message, descriptors=descriptors)
         return self.put(cell, message, reply, head.sender)
 
@@ -282,7 +292,7 @@ class Router:
         answer.send(None if answer.decode is None else read_reply(answer.decode, head.body))
 
     def hosts_frame(self, address: str, hosted: bool) -> bytes:
-        """Return what a link tells its other end: ``address`` lives here, or no longer does."""
+        """Return the frame by which a link announces that ``address`` is hosted here, or no longer."""
         return frame("", HOSTS, int(hosted), address, self.address, None)
 
     # -- watching
@@ -295,7 +305,7 @@ class Router:
             self._notify_down(address, "nobody hosts it")
 
     def lost(self, address: str) -> None:
-        """The node that hosted ``address`` has left the mesh."""
+        """Note that the node that hosted ``address`` has left the mesh."""
         if self.mesh is not None and self.way_to(address) is self.mesh:
             self._lose(address, self.mesh)
 

@@ -1,7 +1,7 @@
-"""Serving clients over TCP so that none of them can end or block the server.
+"""Serve clients over TCP so that no client can end or block the server.
 
-A client's connection ends by itself whatever happens on it: what a handler raises is contained. Who has
-not shown yet that it may speak holds one of few places, and the oldest of them gives way to a new one.
+An exception in a handler ends only the connection of its client. A client that was not admitted yet holds one
+of few places. When all places are taken, the oldest of these clients gives way to the new one.
 """
 
 from __future__ import annotations
@@ -14,11 +14,11 @@ import trio
 _log = logging.getLogger("strands_actors")
 
 GONE = (OSError, trio.BrokenResourceError, trio.ClosedResourceError, trio.TooSlowError)
-"""What a client does that goes away, or does not read."""
+"""Errors of a client that disconnects or does not read."""
 
 
 class Client:
-    """One client's connection. Several tasks may send: one message goes out after the other."""
+    """The connection of one client. Several tasks may send; messages go out one after the other."""
 
     def __init__(self, stream: trio.SocketStream, send_s: float, admitted: Callable[[], object]) -> None:
         self._stream = stream
@@ -30,13 +30,13 @@ class Client:
         return bytes(await self._stream.receive_some(most))
 
     async def send(self, data: bytes) -> None:
-        """Raise ``trio.TooSlowError`` for a client that does not read."""
+        """Send a message. Raise ``trio.TooSlowError`` if the client does not read it."""
         with trio.fail_after(self._send_s):
             async with self._sending:
                 await self._stream.send_all(data)
 
     def admit(self) -> None:
-        """It has shown that it may speak: it gives way to nobody any more."""
+        """Mark the client as authorised. It no longer gives way to new clients."""
         self._admitted()
 
 
@@ -46,9 +46,10 @@ async def serve_clients(
     """Serve until cancelled.
 
     Args:
-        handler: One client's conversation. What it raises ends that client's connection alone.
-        places: How many clients may be connected that were not admitted.
-        send_s: How long a client may take to read a message.
+        handler: The conversation with one client. An exception in it ends only that client's connection.
+        listener: The socket to accept clients on.
+        places: The most clients that are connected and not admitted.
+        send_s: Seconds that a client may take to read a message.
     """
     waiting: dict[trio.SocketStream, trio.CancelScope] = {}  # the oldest first
 

@@ -1,7 +1,17 @@
-"""Supervision: what is started again when a child ends, and when to stop trying.
+"""Restart children that end, and stop trying when one fails too often.
 
-A child is an async function that says ``task_status.started()`` once it is up and then runs until
-it is cancelled. What it *is* (an actor, a process, another supervisor) does not matter here.
+A child is an async function that calls ``task_status.started()`` once it is up, and then runs until it is
+cancelled. The supervisor does not need to know what the child is (an actor, a process, another supervisor).
+
+Theory, after Erlang/OTP. ``Restart`` decides whether the end of a child leads to a restart. ``Strategy``
+decides which children restart with it:
+
+* ``one_for_one``: only the child that ended. For independent children.
+* ``rest_for_one``: that child and all that were started after it. For children that use earlier ones.
+* ``one_for_all``: all children. For children that depend on each other.
+
+``Budget`` bounds the restarts. A child that still fails has a cause that a restart does not mend, so the
+supervisor stops its children and raises ``BudgetSpent`` to its own supervisor.
 """
 
 from __future__ import annotations
@@ -16,7 +26,7 @@ import trio
 from .actor import describe
 
 _MOST_DOUBLINGS = 30
-"""Of a pause that is bounded anyway; a float cannot take a thousand."""
+"""The most doublings of a pause. The pause is bounded anyway, but a float would overflow after a thousand."""
 
 Restart = Literal["permanent", "transient", "temporary"]
 Strategy = Literal["one_for_one", "rest_for_one", "one_for_all"]
@@ -28,8 +38,14 @@ class BudgetSpent(Exception):
 
 @dataclass(frozen=True)
 class ChildSpec:
-    """``permanent``: always restarted; ``transient``: only after a failure; ``temporary``:
-    never."""
+    """A child of a supervisor.
+
+    Attributes:
+        name: For people.
+        run: The function to run.
+        restart: ``permanent``: always restarted. ``transient``: only after a failure. ``temporary``: never.
+        shutdown_s: Seconds that the supervisor waits for the child's end after it has cancelled it.
+    """
 
     name: str
     run: Callable[..., Awaitable[None]]
@@ -39,8 +55,11 @@ class ChildSpec:
 
 @dataclass(frozen=True)
 class Budget:
-    """At most ``restarts`` within ``within_s``; the pause before each restart doubles from
-    ``backoff_s`` while failures follow each other within ``within_s``."""
+    """The allowed restarts of all children of a supervisor.
+
+    At most ``restarts`` happen within ``within_s`` seconds. The pause before each one doubles from
+    ``backoff_s``, up to ``backoff_max_s``, while failures follow each other within ``within_s``.
+    """
 
     restarts: int = 3
     within_s: float = 5.0
@@ -58,7 +77,7 @@ class _Child:
 
 
 class Supervisor:
-    """Starts children in order, restarts them by strategy and kind, stops them in reverse order."""
+    """Starts children in order, restarts them by strategy, and stops them in reverse order."""
 
     def __init__(
         self,
@@ -77,12 +96,15 @@ class Supervisor:
 
     @property
     def restarts(self) -> dict[str, int]:
-        """Return how often each child was started again."""
+        """Return how often each child was restarted."""
         return {child.spec.name: max(0, child.starts - 1) for child in self._children}
 
     async def run(self, task_status: trio.TaskStatus[None] = trio.TASK_STATUS_IGNORED) -> None:
-        """Raise ``BudgetSpent`` when a child keeps failing; return when every child has ended for
-        good."""
+        """Run the children. Return when every child has ended for good.
+
+        Raises:
+            BudgetSpent: A child failed too often.
+        """
         self._ended, ended = trio.open_memory_channel[_End](float("inf"))
         async with trio.open_nursery() as nursery:
             try:
@@ -94,13 +116,14 @@ class Supervisor:
                 await self._stop(self._children)
 
     async def _supervise(self, nursery: trio.Nursery, ended: trio.MemoryReceiveChannel[_End]) -> None:
-        # Ends are counted, not looked up: several children may have ended before the first is dealt
-        # with.
+        # The loop counts the ends that it has handled, because several children may have ended before it
+        # handles the first.
         while self._running:
             child, scope, error = await ended.receive()
             self._running -= 1
             if scope is not child.scope or scope.cancel_called:
-                continue  # stopped by us, or already started again with its siblings
+                # The supervisor stopped this child, or has already restarted it with its siblings.
+                continue
             kind = child.spec.restart
             if kind == "temporary" or (kind == "transient" and error is None):
                 continue
@@ -141,13 +164,13 @@ class Supervisor:
         child.starts += 1
         self._running += 1
         up = _Up()
-        # Not ``nursery.start``: cancelled meanwhile, it would wait for ever for a shielded child.
+        # ``nursery.start`` would wait for ever for a shielded child if it were cancelled meanwhile.
         nursery.start_soon(self._run_child, child, child.scope, child.done, up)
         await up.event.wait()
 
     async def _run_child(self, child: _Child, scope: trio.CancelScope, done: trio.Event, up: _Up) -> None:
-        # Shielded: when the supervisor is cancelled its children are stopped one by one, in reverse
-        # order.
+        # Children are shielded from cancellation, so that a cancelled supervisor stops them one by one, in
+        # reverse order.
         error: BaseException | None = None
         try:
             with scope:
@@ -169,12 +192,12 @@ class Supervisor:
 
 
 _End = tuple[_Child, trio.CancelScope, BaseException | None]
-"""Which incarnation ended (told by its scope), and by what."""
+"""The incarnation that ended (identified by its scope), and its exception."""
 
 
 class _Up:
-    """A child's ``task_status``. One that fails before it is up lets its supervisor go on to
-    decide."""
+    """The ``task_status`` of a child. It is also set when the child fails before it is up, so that the
+    supervisor continues."""
 
     def __init__(self) -> None:
         self.event = trio.Event()

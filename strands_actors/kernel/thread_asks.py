@@ -1,9 +1,7 @@
-"""A thread without a loop asks an actor of another process over the mesh, and is woken by the
-answer itself.
+"""Let a thread without a loop ask an actor of another process over the mesh.
 
-A verb that goes by the loop of its process wakes a thread there and is woken in turn. Here the
-thread that calls puts its question on zenoh, and zenoh's own thread that brings the answer releases
-it.
+A request that goes through the loop of its process wakes a thread there, which wakes the caller in turn. Here
+the calling thread puts its request on zenoh, and the zenoh thread that receives the answer wakes the caller.
 """
 
 from __future__ import annotations
@@ -23,7 +21,7 @@ from .messages import MAX_MESSAGE_BYTES, Message, Refused
 
 
 class _Waiting:
-    """A thread that waits: for a frame's body, or for why there will be none."""
+    """A waiting thread, and its result: the body of a frame, or a failure."""
 
     __slots__ = ("body", "failure", "there", "to")
 
@@ -36,11 +34,12 @@ class _Waiting:
 
 
 class ThreadAsks:
-    """The questions of one process's threads. ``reply_to``: the key on which answers come, all of
-    them; who waits for which is told by its number, so that an answer that comes too late is
-    nobody's.
+    """The pending requests of the threads of one process. All methods may be called from any thread.
 
-    All methods are of any thread."""
+    Args:
+        reply_to: The key on which all answers come. The correlation id of an answer names its request, so an
+            answer that comes too late is dropped.
+    """
 
     def __init__(self, reply_to: str) -> None:
         self.reply_to = reply_to
@@ -58,8 +57,21 @@ class ThreadAsks:
         decode: Callable[[msgspec.Raw], Message | None],
         deadline_s: float,
     ) -> Message | None:
-        """Send by ``put`` (address, frame; False: nobody is there) and wait. Raise ``AskTimeout``,
-        or ``Unreachable``. A refusal is an answer."""
+        """Send a request and wait for the answer. A refusal is an answer.
+
+        Args:
+            put: Sends a frame to an address. Returns False if no process hosts the address.
+            to: The address of the actor.
+            sender: The name of the sender.
+            message: The request.
+            decode: Decodes the body of the answer.
+            deadline_s: Seconds from now until which the answer must have come.
+
+        Raises:
+            AskTimeout: No answer came in time.
+            Unreachable: The actor does not exist or has ended, the mesh was closed, or this process is a fork
+                of the one that opened the mesh.
+        """
         if self._pid != os.getpid():
             raise Unreachable("this process was forked from the one that opened the robot. open it here anew")
         cid = next(self._cids)
@@ -82,7 +94,7 @@ class ThreadAsks:
         return read_reply(decode, waiting.body)
 
     def take(self, data: bytes) -> None:
-        """A frame that came on ``reply_to``. What is no answer, or nobody waits for, is dropped."""
+        """Handle a frame that came on ``reply_to``. Drop it if it is no answer, or if no thread waits for it."""
         try:
             head = decode_frame(data)
         except (msgspec.MsgspecError, RecursionError, UnicodeDecodeError):
@@ -93,14 +105,14 @@ class ThreadAsks:
             waiting.there.release()
 
     def fail(self, to: str, failure: Unreachable) -> None:
-        """Whoever waits for the actor at ``to`` is told so at once."""
+        """Raise ``failure`` in all threads that wait for the actor at ``to``."""
         for cid, waiting in list(self._waiting.items()):
             if waiting.to == to and self._waiting.pop(cid, None) is not None:
                 waiting.failure = failure
                 waiting.there.release()
 
     def close(self, why: str) -> None:
-        """So is whoever waits, and who asks from now on."""
+        """Raise ``Unreachable(why)`` in all waiting threads, and in each later ``ask``."""
         self._closed = why
         for to in {waiting.to for waiting in list(self._waiting.values())}:
             self.fail(to, Unreachable(why))

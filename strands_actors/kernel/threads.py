@@ -1,8 +1,7 @@
-"""A call that can wait, in a thread, and the least that is between.
+"""Run a blocking call in a thread, with little overhead.
 
-``trio.to_thread.run_sync`` waits its turn at a limiter and copies a context first: the call begins
-25 us later in a loop that is busy, and 100 us later in one that slept, as a wire has that is told
-to stop.
+``trio.to_thread.run_sync`` first waits for a limiter and copies a context. So its call begins 25 us later in a
+busy loop, and 100 us later in a loop that slept, like that of a wire process which receives a stop.
 """
 
 from __future__ import annotations
@@ -19,9 +18,11 @@ Result = TypeVar("Result")
 
 
 async def call_in_thread(function: Callable[[*Args], Result], *args: *Args) -> Result:
-    """``function(*args)``, its result or what it raises. Cancelled, the loop goes on at once, and
-    the call, which cannot be ended, by itself: what it comes to is nobody's. As many at a time as
-    callers wait."""
+    """Return the result of ``function(*args)``, or raise its exception.
+
+    If the caller is cancelled, the loop continues at once. The call cannot be ended, so it continues too, and
+    its result is dropped. There is no limit to the number of calls at a time.
+    """
     await trio.lowlevel.checkpoint_if_cancelled()
     task, token = trio.lowlevel.current_task(), trio.lowlevel.current_trio_token()
     is_waited_for = True

@@ -1,9 +1,9 @@
-"""A ticker that stands back while something else brings its ticks.
+"""A ticker that pauses while messages do its work.
 
-A wake-up with nothing to do costs a process more than what is done at most ticks. Where messages
-come as often as a ticker ticks, its work can be done along with theirs, and all that is left to it
-is to notice that they stay away: it waits for a deadline that each of them moves on, which takes no
-system call. When none came for ``LAPSE`` periods it ticks by its timer again.
+For most ticks the wake-up costs a process more than the work. Where messages come as often as a ticker ticks,
+the work can be done together with theirs. The ticker then only has to notice that messages stay away: it waits
+for a deadline that each message moves on, which takes no system call. If no message comes for ``LAPSE``
+periods, the ticker ticks by its timer again.
 """
 
 from __future__ import annotations
@@ -16,20 +16,21 @@ import trio
 from .clock import Clock
 
 LAPSE = 1.5
-"""Periods from a tick that was brought to the next of our own, if no other is brought meanwhile."""
+"""Periods from a message that did the work of a tick to the ticker's own next tick, if no further message
+comes."""
 
 
 class Ticker:
-    """Ticks once per ``period_s``, in trio's loop."""
+    """Calls a function once per ``period_s``, in trio's loop."""
 
     def __init__(self, clock: Clock, period_s: float) -> None:
         self._clock = clock
         self._period_s = period_s
-        self._due_s = 0.0  # by trio's clock: not before then
+        self._due_s = 0.0  # by trio's clock: no own tick before this time
         self._scope: trio.CancelScope | None = None
 
     def brought(self) -> None:
-        """What is done at a tick has just been done."""
+        """Note that the work of a tick has just been done."""
         self._due_s = trio.current_time() + LAPSE * self._period_s
         if self._scope is not None:
             self._scope.deadline = self._due_s

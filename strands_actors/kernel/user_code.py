@@ -1,7 +1,7 @@
-"""Calling what a user wrote, in a thread: whatever it raises is an ``Exception`` for who asked.
+"""Call a user's code in a thread, so that the caller gets every failure as an ``Exception``.
 
-``sys.exit()``, a cancelled asyncio client or Ctrl-C raised in there would else go through every task
-of this process, and end all robots of its script.
+Otherwise ``sys.exit()``, a cancelled asyncio client or Ctrl-C in that code would go through every task of this
+process, and end all robots of its script.
 """
 
 from __future__ import annotations
@@ -21,11 +21,11 @@ _OURS = os.path.join(os.path.dirname(os.path.dirname(os.path.abspath(__file__)))
 
 
 class UserCodeEnded(Exception):
-    """What it raised was no ``Exception``; the text says what."""
+    """The code raised something that is no ``Exception``. The text describes it."""
 
 
 def contained(call: Callable[[*Args], Result], *args: *Args) -> Result:
-    """Call it. Raise ``UserCodeEnded`` in place of what is no ``Exception``."""
+    """Return ``call(*args)``. Raise ``UserCodeEnded`` if it raises something that is no ``Exception``."""
     try:
         return call(*args)
     except Exception:
@@ -35,8 +35,10 @@ def contained(call: Callable[[*Args], Result], *args: *Args) -> Result:
 
 
 def describe_failure(error: BaseException) -> str:
-    """Return one line: what was raised, and the last line of code of others that led to it. Lines
-    before the call (threads, this package) are not counted."""
+    """Return one line: the exception, and the last line outside of this package that led to it.
+
+    Lines before the call (of threads and this package) do not count.
+    """
     raised = error.__cause__ if isinstance(error, UserCodeEnded) and error.__cause__ else error
     frames = list(traceback.extract_tb(raised.__traceback__))
     calls = [

@@ -1,5 +1,7 @@
-"""The ways by which frames travel between nodes: a link to one process, the mesh to all. Who can be
-reached no longer is told without being asked for: by ``node.detach``, ``node.lost``."""
+"""The ways by which frames travel between nodes: a link to one process, or the mesh to all.
+
+A way reports nodes that it can no longer reach by calling ``node.detach`` (a link) or ``node.lost`` (a mesh).
+"""
 
 from __future__ import annotations
 
@@ -13,20 +15,31 @@ from .messages import Message
 
 
 class Way(Protocol):
-    """A link or a mesh: carries frames between nodes."""
+    """A carrier of frames between nodes: a link or a mesh."""
 
     channel: Channel | None
-    """What may be said over it; None: everything."""
+    """The messages that are accepted from this way. None accepts all."""
 
     def send(self, to: str, data: bytes, descriptors: tuple[int, ...] = (), urgent: bool = False) -> bool:
-        """Send without waiting; False when nobody there hosts ``to``. The sender keeps its
-        descriptors, the receiver gets duplicates; a way between processes that is no link
-        delivers none. ``urgent``: it may overtake what is not."""
+        """Send a frame without waiting.
+
+        Args:
+            to: The address of the receiver.
+            data: The frame.
+            descriptors: Open files that go with it. The sender keeps its own, and the receiver gets duplicates.
+                Only a link delivers descriptors to another process.
+            urgent: The frame may overtake frames that are not urgent.
+
+        Returns:
+            False if no process there hosts ``to``.
+        """
         ...
 
     def send_at_once(self, data: bytes) -> bool:
-        """From any thread: whole, or not at all. Only a link can, and only when nothing waits to be
-        sent there."""
+        """Send a whole frame from any thread, or nothing. Return True if it was sent.
+
+        Only a link can do this, and only when it has no other frames to send.
+        """
         ...
 
     def announce(self, address: str, hosted: bool) -> None: ...
@@ -41,9 +54,9 @@ class Mesh(Way, Protocol):
         decode: Callable[[msgspec.Raw], Message | None],
         deadline_s: float,
     ) -> Message | None:
-        """Send and wait for the answer in the thread that calls."""
+        """Send a request and wait for the answer in the calling thread."""
         ...
 
     def forget(self, to: str, why: str) -> None:
-        """Nobody ``ask``s there any more; who waits is told why."""
+        """Stop all requests of ``ask`` to this address. Waiting threads get ``why``."""
         ...

@@ -1,13 +1,12 @@
-"""For tests of robots, drivers and policies. docs/testing.md shows each with an example.
+"""Test robots, drivers and policies. docs/testing.md shows each of these with an example.
 
-``conformance``, ``check_driver``       what every driver must keep
+``conformance``, ``check_driver``       the checks that every driver must pass
 ``Faults``, ``Victims``, ``run_cell``   break one process of a moving robot, and read the wire
-``Twin``, ``WireLog``                   a robot without the robot, and what was on its wire
+``Twin``, ``WireLog``                   a simulated robot, and the log of its wire
 ``run_virtual``, ``open_inline_tree``   a whole tree in one process, in virtual time
 ``FakeDriver``, ``FakeHardware``        a robot in memory
 
-The pytest plugin (``strands_actors.pytest_plugin``) has the fixtures ``strands_twin`` and
-``strands_robot``.
+The pytest plugin (``strands_actors.pytest_plugin``) has the fixtures ``strands_twin`` and ``strands_robot``.
 """
 
 from __future__ import annotations
@@ -25,7 +24,7 @@ if TYPE_CHECKING:
     from .twin import Twin
     from .wirelog import Entry, WireLog
 
-# Imported when asked for: processes of a bench are of this package, too, and need none of the rest.
+# Imported at first use: processes of a bench import this package too, and need only parts of it.
 _WHERE = {
     "bench": ("Bench", "NotMoving"),
     "cells": ("Outcome", "run_cell"),

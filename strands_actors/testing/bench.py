@@ -1,7 +1,6 @@
-"""A robot to break: its twin, and a caller that moves it, as processes of their own.
+"""A bench: a twin, and a caller that moves it, as separate processes, for tests that break one of them.
 
-The twin is kept from cell to cell, and so is the caller where it has not been broken itself; a new
-one is forked.
+The twin is kept from cell to cell. So is the caller, unless it was broken itself. Then a new one is forked.
 """
 
 from __future__ import annotations
@@ -33,27 +32,34 @@ from .twin import Twin
 from .wirelog import WireLog
 
 START_S = 60.0
-"""Within which a caller's robot moves, on a busy machine."""
+"""Seconds until a caller's robot moves, on a busy machine."""
 CAMERA, RECORDER = "camera/eye", "recorder"
-"""Roles of processes that a robot has only when it is asked for them."""
+"""Roles of processes that a robot has only on request."""
 EXTRAS = frozenset({CAMERA, RECORDER})
 COMPLETE_S = 20.0
-"""Within which they are all there: a camera begins only when the robot has, and one that was killed
-begins again."""
+"""Seconds until all processes of the tree run. A camera starts only after the robot, and starts again after it
+was killed."""
 
 SILENT_NS = 200_000_000
-"""A host that has said nothing for so long says nothing more: none has a longer period."""
+"""A host that has sent nothing for so long (ns) sends nothing more: no host has a longer period."""
 
 
 class NotMoving(Exception):
-    """The caller ended before its robot moved."""
+    """The caller ended before its robot moved, or the robot cannot be brought to move."""
 
 
 class Caller:
-    """``testing.caller`` as a process."""
+    """The script ``testing.caller`` as a process."""
 
     def __init__(self, directory: Path, template: Template, wanted: dict[str, Any], extras: frozenset[str]) -> None:
-        """``extras``: of ``EXTRAS``, that this robot has."""
+        """Fork a caller.
+
+        Args:
+            directory: For its files.
+            template: The process that forks it.
+            wanted: Its settings (``testing.caller``).
+            extras: The roles from ``EXTRAS`` that its robot has.
+        """
         self.extras = extras
         self._recorder: RecorderProcess | None = None
         self._roles = frozenset[str]()
@@ -73,23 +79,23 @@ class Caller:
                 os.close(its_output)
 
     def pid(self, role: str) -> int:
-        """Raise ``NotMoving`` when the tree has no such process."""
-        found = self.pids().get(role)
-        if found is None:
+        """Return the process id of a role. Raise ``NotMoving`` if the tree has no such process."""
+        process_id = self.pids().get(role)
+        if process_id is None:
             raise NotMoving(f"there is no {role} process")
-        return found
+        return process_id
 
     def pids(self) -> dict[str, int]:
-        """Each process of the tree when the robot began to move."""
+        """Return the process id of each role, as of the moment when the robot began to move."""
         return {entry["role"]: entry["pid"] for entry in self.tree.get("processes", ())}
 
     def _living(self) -> set[str]:
-        """Return the roles of processes that have not ended since the tree told of them."""
+        """Return the roles of processes that still run."""
         return {role for role, pid in self.pids().items() if Path(f"/proc/{pid}").exists()}
 
     def complete(self) -> None:
-        """Return when the tree has its extras, and every process that it has ever had. Raise
-        ``NotMoving`` when it does not get them."""
+        """Wait until the tree has its extras, and every process that it ever had. Raise ``NotMoving`` if it
+        does not get them."""
         if self._recorder is not None and not self._recorder.alive:
             self._end_recorder()
         if RECORDER in self.extras and self._recorder is None:
@@ -104,13 +110,13 @@ class Caller:
         self._roles = frozenset(self.pids())
 
     def line(self) -> dict[str, Any]:
-        """What it says next. Raise ``NotMoving`` when it has ended, or says nothing for
+        """Return the next JSON line of the caller. Raise ``NotMoving`` if it has ended or prints nothing for
         ``START_S``."""
         deadline_s = time.monotonic() + START_S
         while not (text := self._next_line(deadline_s)).startswith(b"{"):
-            pass  # a vendor's library prints there, too
-        told: dict[str, Any] = json.loads(text)
-        return told
+            pass  # vendor libraries print there, too
+        message: dict[str, Any] = json.loads(text)
+        return message
 
     def _next_line(self, deadline_s: float) -> bytes:
         while b"\n" not in self._said:
@@ -125,12 +131,13 @@ class Caller:
         return text
 
     def tell(self, line: str) -> None:
-        with contextlib.suppress(BrokenPipeError):  # its end is seen at the next line it does not say
+        # The next read notices that the caller has ended.
+        with contextlib.suppress(BrokenPipeError):
             os.write(self._input, line.encode() + b"\n")
 
     def policy_broke_ns(self) -> int:
-        told = Path(f"{self.trigger}.t")
-        return int(told.read_text() or 0) if told.exists() else 0
+        note = Path(f"{self.trigger}.t")
+        return int(note.read_text() or 0) if note.exists() else 0
 
     def forget_trigger(self) -> None:
         for path in (self.trigger, Path(f"{self.trigger}.t")):
@@ -152,9 +159,14 @@ class Caller:
 
 
 class Bench:
-    """``robot``: its name, or ``robot:level`` of one that can be commanded in two ways.
-    ``driver_class``: of a robot that this package does not know by itself. ``far``: how far the first
-    joint moves, in the driver's units."""
+    """A twin and a caller of one robot. Use it as a context manager.
+
+    Args:
+        robot: Its name, or ``robot:level`` for one that can be commanded in two ways.
+        driver_class: The driver of a robot that is no part of this package.
+        far: How far the first joint moves, in the driver's units. By default 10 degrees, or 0.1 of another
+            unit.
+    """
 
     def __init__(self, robot: str, driver_class: type[Driver] | None = None, far: float | None = None) -> None:
         self.robot, where = column(robot)
@@ -184,21 +196,29 @@ class Bench:
         return self.twin.log
 
     def drop(self) -> None:
-        """End the caller, and its tree."""
+        """End the caller and its tree."""
         if self._caller is not None:
             self._caller.end()
             self._caller = None
 
     def moving(self, motion: str, extras: frozenset[str] = frozenset()) -> Caller:
-        """Return a caller whose robot moves: the present one again, or a new one. ``extras``: of
-        ``EXTRAS``, that its tree has, too. Raise ``NotMoving``."""
+        """Return a caller whose robot moves: the present one, or a new one.
+
+        Args:
+            motion: ``loop``, ``task`` or ``rollout`` (``testing.caller``).
+            extras: The roles from ``EXTRAS`` that its tree must have.
+
+        Raises:
+            NotMoving: The robot cannot be brought to move.
+        """
         self.twin.go_on()
         self.twin.fault("ok")
         self.twin.plug()
         caller = self._caller
         if caller is not None and caller.process.alive and caller.extras == extras:
             caller.forget_trigger()
-            os.truncate(self.log.path, 0)  # a log that is read again and again is kept short
+            # The log is read again and again, so it is kept short.
+            os.truncate(self.log.path, 0)
             caller.tell(f"again {motion}")
             try:
                 caller.tree = caller.line()
@@ -216,12 +236,13 @@ class Bench:
             caller.complete()
         except NotMoving:
             self.drop()
-            self._begin_twin()  # a hold by wrong readings may have left a joint where it cannot be armed
+            # A hold with wrong readings may have left a joint at a position in which it cannot be armed.
+            self._begin_twin()
             raise
         return caller
 
     def _begin_twin(self) -> None:
-        """In the place of the one before."""
+        """Start a twin in place of the previous one."""
         self._twins.close()
         self.twin = self._twins.enter_context(Twin(self.robot, self._directory, driver=self._driver_class))
 
@@ -248,23 +269,22 @@ class Bench:
         }
 
     def processes(self) -> Iterator[int]:
-        """Return the processes that live and were started in a caller's environment, the caller among
-        them. Linux alone tells."""
+        """Yield all running processes with the environment of this bench's callers, including the callers.
+        Linux only."""
         mark = f"STRANDS_ACTORS_RUN={self._directory / 'run'}".encode()
         for entry in os.listdir("/proc"):
             if not entry.isdigit() or int(entry) == self.template.pid:
                 continue
-            with contextlib.suppress(OSError):  # it has just ended, or is another user's
+            with contextlib.suppress(OSError):  # it has just ended, or belongs to another user
                 if mark in Path("/proc", entry, "environ").read_bytes().split(b"\0"):
                     yield int(entry)
 
     def queue(self, caller: Caller, victim: int = 0) -> Queue:
-        """Who may stand in line for a processor from now on: the tree, its caller, the robot and
-        this process."""
+        """Measure from now on how long the tree, its caller, the robot and this process wait for a processor."""
         return Queue([*caller.pids().values(), self.twin.process.pid, os.getpid()], victim)
 
     def _wait_for_silence(self) -> None:
-        """Until nobody of the tree before writes any more: its processes were killed one after the
+        """Wait until no process of the previous tree writes any more. Its processes were killed one after the
         other."""
         deadline_s, tail, last_ns = time.monotonic() + 2.0, self.log.tail(), 0
         while time.monotonic() < deadline_s:
@@ -275,32 +295,34 @@ class Bench:
 
 
 def usual_motion(driver: Driver) -> str:
-    """Return the motion by which a robot has most processes: a policy's, where it runs one."""
+    """Return the motion for which a robot runs most processes: one with a policy, where it can run one."""
     return "rollout" if driver.TASKS else "loop" if driver.ROLLOUTS else "task"
 
 
 def roles_of(bench: Bench) -> tuple[str, ...]:
-    """Return the roles of all processes that the robot's tree can have: of the running one, with its
-    extras. The robot is no process of ours. Raise ``NotMoving``."""
+    """Return the roles of all processes that a robot's tree can have, extras included.
+
+    The robot itself is no process of this package. Raise ``NotMoving``.
+    """
     roles = bench.moving(usual_motion(bench.driver), EXTRAS).pids()
     bench.drop()
     return tuple(dict.fromkeys((Victims.CALLER, Victims.POLICY, *roles)))
 
 
 def extras_for(members: Iterable[str]) -> frozenset[str]:
-    """Return the extras that are among some roles."""
+    """Return those of the given roles that are extras."""
     return EXTRAS & frozenset(members)
 
 
 @contextlib.contextmanager
 def moving_robot(robot: str, motion: str = "loop") -> Iterator[tuple[Bench, Caller]]:
-    """One bench with a moving robot on it."""
+    """Open a bench with a moving robot."""
     with Bench(robot) as bench:
         yield bench, bench.moving(motion)
 
 
 def driver_of(robot: str, driver_class: type[Driver] | None = None) -> Driver:
-    """The driver of ``robot``, the name of a column, on its twin."""
+    """Return the driver of a robot, for its twin. ``robot`` is the name of a column (``registering.column``)."""
     robot, where = column(robot)
     driver_class = driver_class or class_of(where)
     if driver_class is not None:

@@ -1,12 +1,17 @@
-"""The script of a caller that moves a robot, and obeys on standard input.
+"""A script that moves a robot, and takes orders on standard input.
 
-``main`` is told ``robot``, ``port``, ``driver`` (``module:Class``, or empty), ``motion`` (``loop``:
-it moves the first joint itself at 50 Hz; ``task``: a policy process does; ``rollout``: a policy of
-this process), ``far`` (how far, in the driver's units), ``trigger`` (see ``testing.policies``) and
-``cameras`` (of the robot).
-It prints one JSON line, the robot's tree, when the robot moves. Lines it obeys: ``exception``,
-``exit``, ``spin``; ``stop`` (prints the report); ``again MOTION`` (resumes, moves, prints the
-tree); ``tree`` (prints it).
+The settings of ``main`` are:
+
+* ``robot``, ``port``, and ``cameras`` of the robot.
+* ``driver``: ``module:Class``, or empty.
+* ``motion``: ``loop`` (the script moves the first joint at 50 Hz), ``task`` (a policy process moves it) or
+  ``rollout`` (a policy in this process).
+* ``far``: how far the joint moves, in the driver's units.
+* ``trigger``: see ``testing.policies``.
+
+When the robot moves, the script prints its tree as one JSON line. Then it takes these orders: ``exception``,
+``exit`` and ``spin`` break it; ``stop`` prints the report; ``again MOTION`` resumes, moves and prints the tree;
+``tree`` prints the tree.
 """
 
 from __future__ import annotations
@@ -24,7 +29,7 @@ from strands_actors.supervisors.introspection import fall
 from .registering import register
 
 STEPS = 10
-"""Of a task before it counts as moving."""
+"""Steps of a task until the robot counts as moving."""
 MOVED_S = 0.2
 
 
@@ -38,7 +43,8 @@ class Caller:
             wanted["robot"], mode="real", port=wanted["port"], cameras=wanted["cameras"] or None
         )
         problem: str | None = "never tried"
-        for _ in range(3):  # a robot that a busy machine lets wait counts as silent
+        # A robot that waits for a busy machine looks silent.
+        for _ in range(3):
             problem = self.robot.connect_eagerly()
             if problem is None:
                 break
@@ -47,13 +53,13 @@ class Caller:
         self._prepare()
 
     def _prepare(self) -> None:
-        """Do what the robot wants before it takes commands, unless it is done: a drone flies."""
+        """Prepare the robot for commands, if it needs that: a drone takes off."""
         name = self.robot.driver.BEFORE_MOTION
         if name and (answer := self.robot.service(name))["status"] != "success":
             raise SystemExit(f"{name}: {answer}")
 
     def begin(self, motion: str) -> None:
-        """Move; print the tree once the robot is on its way."""
+        """Move the robot, and print the tree once it moves."""
         self._loops = motion == "loop"
         why = "the robot has no joint"
         seen = self.robot.get_observation()
@@ -64,17 +70,18 @@ class Caller:
             if not why:
                 print(json.dumps(self.robot.tree()), flush=True)
                 return
-            # a robot that has fallen lies on the end stops of some of its joints, but not of all
+            # A robot that has fallen may lie on the end stops of some joints, but not of all.
             self.resume()
         raise SystemExit(why)
 
     def _move(self, motion: str) -> str:
-        """Why it does not; empty: it moves."""
+        """Return why the robot does not move, or an empty text."""
         self._began_s = time.monotonic()
         if motion == "task" and (why := self._start_task()):
             return why
         if motion == "rollout":
-            # a twentieth of a second at a time: the machine may be busy
+            # Each call returns 25 steps (a twentieth of a second for a robot with legs), since the machine may
+            # be busy.
             self.robot.run_policy(lambda _: [self._swing()] * 25, duration=60.0)
         while time.monotonic() < self._began_s + MOVED_S:
             self.step()
@@ -85,7 +92,7 @@ class Caller:
         return ""
 
     def _start_task(self) -> str:
-        """Why it has not begun; empty: it moves."""
+        """Return why the task has not begun, or an empty text."""
         started = self.robot.start_task(
             "wave",
             policy_provider="strands_actors.testing.policies:Faulty",

@@ -1,5 +1,4 @@
-"""One cell of the kill matrix: break one process of a moving robot in one way, and read the
-wire."""
+"""Run one cell of the kill matrix: break one process of a moving robot in one way, and read the wire."""
 
 from __future__ import annotations
 
@@ -46,27 +45,30 @@ T = TypeVar("T")
 C = TypeVar("C")
 
 SETTLE_S = 0.4
-"""How long the wire is watched after the safe frame."""
+"""Seconds that the wire is watched after the safe frame."""
 MOST = 2
-"""Times as many trials as were asked for, when some are disturbed."""
+"""The most trials, as a multiple of the requested number, when some are disturbed."""
 STARTS = 3
-"""A machine that pauses may stop the robot before anything was broken: then begin again."""
+"""Attempts to start a trial. A machine that pauses may stop the robot before the fault."""
 PATIENCE_S = 5.0
-"""For the safe frame; on any wire it is a failure long before."""
+"""Seconds to wait for the safe frame. On any wire it is a failure long before."""
 AWAY_S = 1.0
-"""How long a robot is frozen or its cable out: longer than any wire takes to notice."""
+"""Seconds that a robot is frozen or its cable is out: longer than any wire takes to notice."""
 GOES_ON_S = 0.5
-"""How long a robot must go on after a fault of a bystander before it is stopped: a process that is
-missed is missed sooner."""
+"""Seconds that a robot must go on after a fault of a bystander before it is stopped. The effect of a missing
+process shows earlier."""
 SICK_S = 0.15
-"""How long a robot has its fault before it is stopped: many replies are affected, the link is not
+"""Seconds that a robot has its fault before it is stopped. Many replies are affected, and the link has not been
 given up yet."""
 
 
 @dataclass(frozen=True)
 class Outcome:
-    """What the wire showed. Times in milliseconds, from the fault (the death it led to, its end, or
-    the stop)."""
+    """The result of a trial, from the wire.
+
+    Times are milliseconds from the fault, from the end of the process that it led to, from the end of the
+    fault, or from the stop.
+    """
 
     victim: str
     fault: str
@@ -74,11 +76,16 @@ class Outcome:
     safe_ms: float
     bound_ms: float
     setpoints_after: int
-    all_motors: bool  # a frame for the whole robot, and confirmed where it must be
-    gone_ms: float = 0.0  # a caller that ends by itself: from its last statement to its end
-    stood_ms: float = 0.0  # so long the processes of the tree, the twin and the bench stood in line for a processor
-    instead: str = ""  # the safe state it was brought to before the fault could show, for want of a processor
-    story: str = ""  # of one that is not safe, or late: what the wire showed, milliseconds from the fault
+    # A safe frame reached the whole robot, and was confirmed where it must be.
+    all_motors: bool
+    # Of a caller that ends by itself: the time from its last statement to its end.
+    gone_ms: float = 0.0
+    # The time for which the processes of the tree, the twin and the bench waited for a processor.
+    stood_ms: float = 0.0
+    # The safe state that the robot reached before the fault could show, because a process lacked a processor.
+    instead: str = ""
+    # For a result that is not safe or late: the events on the wire, in milliseconds from the fault.
+    story: str = ""
 
     @property
     def safe(self) -> bool:
@@ -90,29 +97,43 @@ class Outcome:
 
     @property
     def on_time(self) -> bool:
-        """Within its bound, but for the time for which its processes stood in line for a processor: a
-        test that runs beside others is held by the same bound as a measurement."""
+        """True if the safe frame came within the bound plus the time for which the processes waited for a
+        processor.
+
+        So a test that runs next to others is held by the same bound as a measurement.
+        """
         return self.safe_ms - self.stood_ms <= self.bound_ms
 
     @property
     def disturbed(self) -> bool:
-        """Safe, and late because of the machine: its processes stood in line for longer than
-        ``DISTURBED_MS``, and without that it would have kept its bound. Or safe on another safe
-        state: a process that got no processor looked frozen before the fault did. A trial that is
-        not safe is never excused."""
+        """True if the result is safe, but shows the machine and not the robot.
+
+        One case is late: its processes waited for a processor for longer than ``DISTURBED_MS``, and without
+        that it would have kept its bound. The other case is another safe state: a process that got no processor
+        looked frozen before the fault showed. A trial that is not safe is never excused.
+        """
         explained = self.stood_ms > DISTURBED_MS and self.on_time
         return self.safe and (bool(self.instead) or (self.late and explained))
 
 
 def _motion(cell: Cell, driver: Driver) -> str:
-    if driver.TASKS:  # a rollout goes on beside a thread that computes
+    # A rollout continues next to a thread that computes.
+    if driver.TASKS:
         return "loop" if (cell.victim, cell.fault) == (Victims.CALLER, Faults.SPIN) else "rollout"
     return "loop" if cell.victim in (Victims.CALLER, Victims.TWIN) or driver.ROLLOUTS else "task"
 
 
 def run_cell(cell: Cell, bench: Bench, settle_s: float = SETTLE_S) -> Outcome:
-    """Move the robot, break the victim, read the log until ``settle_s`` after the safe frame. Raise
-    ``NotMoving`` when it cannot be made to move."""
+    """Move the robot, break the victim, and read the log.
+
+    Args:
+        cell: The victim and the fault.
+        bench: The robot.
+        settle_s: Seconds that the wire is watched after the safe frame.
+
+    Raises:
+        NotMoving: The robot cannot be made to move.
+    """
     bystander = is_bystander(cell.victim)
     breaks = _break_robot if cell.victim is Victims.TWIN else _break_bystander if bystander else _break_process
     motion = _motion(cell, bench.driver)
@@ -130,8 +151,18 @@ def persevere(
     drop: bool,
     extras: frozenset[str] = frozenset(),
 ) -> Outcome:
-    """Make a trial with a caller whose robot moves. ``drop``: that caller is not used again.
-    ``extras``: what its tree has beside. Raise ``NotMoving``."""
+    """Make a trial with a caller and a moving robot, with several attempts to make it move.
+
+    Args:
+        bench: The robot.
+        motion: The motion (``testing.caller``).
+        trial: Breaks the robot and returns the result.
+        drop: True if the caller cannot be used again.
+        extras: Further processes of its tree.
+
+    Raises:
+        NotMoving: The robot cannot be made to move.
+    """
     for attempt in range(STARTS):
         try:
             return _once(bench, motion, trial, drop, extras)
@@ -150,7 +181,7 @@ def _once(
     except NotMoving:
         drop = True
         raise
-    except BaseExceptionGroup as group:  # of the nursery in which the victim is watched
+    except BaseExceptionGroup as group:  # raised by the nursery that watches the victim
         not_moving, other = group.split(NotMoving)
         if not_moving is None or other is not None:
             raise
@@ -162,7 +193,8 @@ def _once(
 
 
 def tries(cell: C, bench: Bench, trials: int, run: Callable[[C, Bench], Outcome]) -> Iterator[Outcome]:
-    """Until that many were not disturbed, or twice as many were made. Raise ``NotMoving``."""
+    """Yield trials until enough of them are undisturbed, or ``MOST`` times as many were made. Raise
+    ``NotMoving``."""
     undisturbed = 0
     for _ in range(MOST * trials):
         try:
@@ -195,7 +227,7 @@ async def _break_process(bench: Bench, caller: Caller, cell: Cell, settle_s: flo
         stood_ms = queue.stood_ms()
         await trio.sleep(settle_s)
         if cell.fault is Faults.FREEZE and cell.victim is not Victims.CALLER:
-            # A frozen process that is let go again must not write: it was fenced, or has no way to.
+            # A frozen process that continues must not write. It was fenced, or has no access to the wire.
             with contextlib.suppress(ProcessLookupError):
                 os.kill(pid, signal.SIGCONT)
             await trio.sleep(settle_s)
@@ -224,9 +256,11 @@ async def _break_bystander(bench: Bench, caller: Caller, cell: Cell, settle_s: f
 async def stop_after(
     bench: Bench, caller: Caller, expected: Expected, broken_ns: int, queue: Queue, settle_s: float
 ) -> Outcome:
-    """See the robot go on after a fault of bystanders alone, then stop it. One that was stopped or held
-    by the fault is not safe: a process that does not move the robot would stop it. ``queue``: since the
-    fault."""
+    """Check that the robot goes on after a fault of bystanders alone, then stop it.
+
+    A robot that was stopped or held by the fault does not count as safe, since these processes do not move it.
+    ``queue`` measures since the fault.
+    """
     await trio.sleep(GOES_ON_S)
     require_motion(bench.log, broken_ns)
     ended_by_fault = bench.log.host("safe", broken_ns)
@@ -245,7 +279,7 @@ async def stop_after(
 
 
 async def _inflict(caller: Caller, cell: Cell, pid: int) -> int:
-    """Break the victim; the time at which it broke."""
+    """Break the victim, and return the time at which it broke."""
     if cell.fault in SIGNALS:
         began_ns = monotonic_ns()
         try:
@@ -267,7 +301,7 @@ async def _inflict(caller: Caller, cell: Cell, pid: int) -> int:
 
 
 async def ask_to_break(caller: Caller, process: str, how: str) -> int:
-    """Have the root or the wire break itself; return when it was asked."""
+    """Order the root or the wire to break itself, and return the time of the order."""
     robot = caller.tree["robot"]
     node = Node(f"kill.{os.getpid()}", MonotonicClock())
     mesh = await ZenohMesh.open(connect=[unix_endpoint(str(caller.run_dir / f"{robot}.{process}.sock"))])
@@ -279,7 +313,8 @@ async def ask_to_break(caller: Caller, process: str, how: str) -> int:
             address = f"{PREFIX}/{addresses.of(robot).introspection(process)}"
 
             def tell() -> int | None:
-                # the time before: what it causes may be on the wire before we run again
+                # The time is taken before the order. Its effect may be on the wire before this process runs
+                # again.
                 began_ns = monotonic_ns()
                 return began_ns if node.send_frame(address, TELL, 0, node.address, Break(how)) else None
 
@@ -314,8 +349,10 @@ async def _break_robot(bench: Bench, caller: Caller, cell: Cell, settle_s: float
 
 
 def _go_away(bench: Bench, caller: Caller, fault: Faults) -> tuple[Queue, int]:
-    """Freeze the robot, or pull its cable, for a while; when it was back, and who stands in line
-    since."""
+    """Freeze the robot, or pull its cable, for a while.
+
+    Return the measurement of waiting processes since its return, and the time of the return.
+    """
     leave, come_back = (
         (bench.twin.pause, bench.twin.go_on) if fault is Faults.FREEZE else (bench.twin.unplug, bench.twin.plug)
     )
@@ -338,8 +375,7 @@ def _fall_ill(bench: Bench, fault: Faults) -> None:
 
 
 def require_motion(log: WireLog, broken_ns: int) -> None:
-    """Raise ``NotMoving`` when the robot was at rest when it was broken: a busy machine may have
-    had it held."""
+    """Raise ``NotMoving`` if the robot was at rest when it was broken. It may have been held on a busy machine."""
     last = ""
     for entry in log.entries():
         if entry.t_ns >= broken_ns:
@@ -353,10 +389,19 @@ def require_motion(log: WireLog, broken_ns: int) -> None:
 def read_robot(
     log: WireLog, cell: Cell, expected: Expected, broken_ns: int, since_ns: int, stood_ms: float
 ) -> Outcome:
-    """As ``read``, of a robot that broke itself. ``since_ns``: when it was back, or told to stop.
+    """Read the result of a fault of the robot itself, as ``read`` does.
 
-    It may have been told the safe state before: by the fault itself, or while it was away, and has
-    found that when it was back. That is being confirmed, and not said again."""
+    The robot may have got the safe state before ``since_ns``: because of the fault, or while it was away, so
+    that it read the frame on its return. The stop then confirms the state and does not write it again.
+
+    Args:
+        log: The log of the wire.
+        cell: The victim and the fault.
+        expected: What the wire must show.
+        broken_ns: When the robot was broken.
+        since_ns: When it returned, or when the stop was ordered.
+        stood_ms: The time for which processes waited for a processor.
+    """
     outcome = read(log, expected, since_ns, since_ns, 0.0, stood_ms)
     before_ns = safe_before(log, expected, broken_ns, since_ns)
     if before_ns is not None and (cell.stops or not outcome.all_motors):
@@ -365,8 +410,10 @@ def read_robot(
 
 
 def safe_before(log: WireLog, expected: Expected, broken_ns: int, stopped_ns: int) -> int | None:
-    """Return since when, after a fault and before ``stopped_ns``, the robot had been told the safe state
-    that is expected; None: it had not, or a setpoint came after."""
+    """Return the time of the first expected safe frame after a fault and before ``stopped_ns``.
+
+    None if there was no such frame, or if a setpoint came after it.
+    """
     since_ns: int | None = None
     for entry in log.entries(broken_ns):
         if entry.t_ns >= stopped_ns:
@@ -383,11 +430,11 @@ def safe_before(log: WireLog, expected: Expected, broken_ns: int, stopped_ns: in
 
 
 class Expected(NamedTuple):
-    """What the wire must show of a cell."""
+    """The expected result of a cell on the wire."""
 
     victim: str
     fault: str
-    safe_states: tuple[str, ...]  # one of them
+    safe_states: tuple[str, ...]  # any of these
     bound_ms: float
 
 
@@ -404,13 +451,23 @@ def read(
     gone_ms: float = 0.0,
     stood_ms: float = 0.0,
 ) -> Outcome:
-    """``began_ns``: from when on frames count. ``since_ns``: from when on time counts."""
+    """Read the result of a trial.
+
+    Args:
+        log: The log of the wire.
+        expected: What the wire must show.
+        began_ns: Frames count from this time on.
+        since_ns: The time of the safe frame is measured from here.
+        gone_ms: Of a caller that ended by itself.
+        stood_ms: The time for which processes waited for a processor.
+    """
     victim, fault, safe_states, bound_ms = expected
     frames = log.host("safe", began_ns)
     safe = next((entry for entry in frames if any(is_safe_state(entry, state) for state in safe_states)), None)
     instead = ""
     if safe is None and stood_ms > DISTURBED_MS:
-        # Of a frame for some of the motors the log says "": the rest of the robot goes on.
+        # The log has "" for a frame to only some motors. The rest of the robot goes on then, so it does not
+        # count.
         safe = next((entry for entry in frames if entry.safe_state), None)
         instead = (safe and safe.safe_state) or ""
     if safe is None:
@@ -422,8 +479,7 @@ def read(
 
 
 def told(outcome: Outcome, log: WireLog, since_ns: int) -> Outcome:
-    """With its story, where somebody will want to know it: the log itself is gone with the next
-    trial."""
+    """Add the story of the wire to a result that is unsafe or late. The next trial overwrites the log."""
     return outcome if outcome.safe and not outcome.late else replace(outcome, story=log.story(since_ns))
 
 
@@ -441,14 +497,14 @@ async def until_safe(log: WireLog, since_ns: int, queue: Queue) -> None:
 
 
 async def _until(look: Callable[[], T | None]) -> T:
-    """Look until there is something to see. Raise ``TooSlowError`` after ``PATIENCE_S``."""
+    """Poll until ``look`` returns a result. Raise ``TooSlowError`` after ``PATIENCE_S``."""
     with trio.fail_after(PATIENCE_S):
-        while not (seen := look()):  # noqa: ASYNC110  # another process's doing: there is no event
+        while not (seen := look()):  # noqa: ASYNC110  # another process causes it, so there is no event
             await trio.sleep(0.002)
     return seen
 
 
 def is_safe_state(entry: Entry, safe_state: str) -> bool:
-    """Whether a safe frame brings the whole robot to ``safe_state``; on a wire that does not say,
-    each does."""
+    """Return True if a frame brings the whole robot to ``safe_state``. On a wire without this information every
+    safe frame does."""
     return entry.safe_state is None or entry.safe_state == safe_state

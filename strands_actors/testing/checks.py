@@ -1,6 +1,6 @@
-"""``check_driver``: what every driver must keep, as a list of named checks.
+"""Check a driver: a list of named checks that every driver must pass.
 
-A package with a driver of its own gets its column in ten lines:
+A package with its own driver tests it in ten lines:
 
     import pytest
     from strands_actors.testing import conformance
@@ -10,7 +10,7 @@ A package with a driver of its own gets its column in ten lines:
     def test_my_driver(check):
         check()
 
-The pure checks take no time. Those with a twin start processes, a second or two each.
+The pure checks take no time. Those with a twin start processes and take a second or two each.
 """
 
 from __future__ import annotations
@@ -49,13 +49,13 @@ from .twin import Twin
 CELLS = (
     (Victims.CALLER, Faults.KILL),
     (Victims.POLICY, Faults.KILL),
-    (Victims.WIRE, Faults.KILL),  # the stop channel is what acts then
+    (Victims.WIRE, Faults.KILL),  # then the stop channel acts
     (Victims.WIRE, Faults.FREEZE),
     (Victims.ROOT, Faults.KILL),
     (Victims.ROOT, Faults.FREEZE),
     (Victims.TWIN, Faults.LINK_LOSS),
 )
-"""The kill cells that a check runs: the hardest ones."""
+"""The kill cells that the checks run: the hardest ones."""
 
 MAX_HZ = 1000.0
 MAX_BOUND_S = 1.0
@@ -63,7 +63,7 @@ MAX_BOUND_S = 1.0
 
 @dataclass(frozen=True)
 class Result:
-    """What became of one check."""
+    """The result of one check."""
 
     name: str
     passed: bool
@@ -73,7 +73,13 @@ class Result:
 
 @dataclass(frozen=True)
 class Check:
-    """Call it: it raises ``AssertionError`` with what is wrong. ``proves``: ids of requirements."""
+    """One check. Calling it raises ``AssertionError`` with the defect.
+
+    Attributes:
+        name: What the check verifies.
+        run: The check.
+        proves: Ids of requirements (docs/safety.md).
+    """
 
     name: str
     run: Callable[[], str | None] = field(compare=False)
@@ -88,7 +94,8 @@ class Check:
     def result(self) -> Result:
         try:
             detail = self.run() or ""
-        except Exception as error:  # a third party's code may raise anything
+        # Foreign code may raise anything.
+        except Exception as error:
             kind = "" if isinstance(error, AssertionError) else f"{type(error).__name__}: "
             return Result(self.name, False, f"{kind}{error}", self.proves)
         return Result(self.name, True, detail, self.proves)
@@ -102,7 +109,7 @@ def check_driver(
     twin: bool = True,
     far: float | None = None,
 ) -> list[Result]:
-    """Run every check of ``conformance``; each with its verdict."""
+    """Run every check of ``conformance``, and return the results."""
     return [check.result() for check in conformance(cls, robot, good=good, twin=twin, far=far)]
 
 
@@ -114,11 +121,15 @@ def conformance(
     twin: bool = True,
     far: float | None = None,
 ) -> list[Check]:
-    """The checks of one driver class on one of its robots (default: the first).
+    """Return the checks of one driver class with one of its robots.
 
-    ``good``: an action it accepts when everything is well (default: the first axis at 0, or all of
-    them). ``twin``: whether to run those that start processes. ``far``: how far its first axis may
-    be moved there, in its units.
+    Args:
+        cls: The driver class.
+        robot: One of its robots. By default the first one.
+        good: An action that it accepts in a good state. By default the first axis at 0, or all axes at 0 for a
+            driver of whole actions.
+        twin: False leaves out the checks that start processes.
+        far: How far the first axis may be moved on the twin, in its units.
     """
     subject = _Subject(cls, robot or cls.SUPPORTED_ROBOTS[0], good, twin)
     checks = [
@@ -149,11 +160,15 @@ def conformance(
 
 
 class _SharedBench:
-    """One bench for the kill cells of a driver: opened by the first, closed by the last, by the
-    first of another driver, by ``close_bench``, or with the process."""
+    """One bench for all kill cells of a driver.
+
+    The first cell opens it. It is closed by the last cell, by the first cell of another driver, by
+    ``close_bench``, or with the process.
+    """
 
     opened: _SharedBench | None = None
-    """A robot on a bench moves, and computes, until its bench is closed: there is one at a time."""
+    """The open bench. There is only one at a time, since its robot moves, and computes, until the bench is
+    closed."""
 
     def __init__(self, subject: _Subject, far: float | None, users: int) -> None:
         self._new = partial(Bench, subject.robot, subject.cls, far)
@@ -175,8 +190,10 @@ class _SharedBench:
                 self.close()
 
     def victims(self) -> str:
-        """The tree, and so the matrix, shows all that was started for the robot, whoever did so and
-        whatever it is. It is found by its environment here, not by who has started it."""
+        """Check that the tree, and so the matrix, shows every process that was started for the robot.
+
+        Processes are found by their environment here, whichever process has started them.
+        """
         with self._used() as bench:
             caller = bench.moving(usual_motion(bench.driver))
             roles = caller.pids()
@@ -207,14 +224,14 @@ class _SharedBench:
 
 
 def close_bench() -> None:
-    """End what the kill cells of a driver share, where not all of them are run: under ``-k``, or
-    when another worker runs the rest."""
+    """Close the bench of a driver's kill cells when not all of them are run: with ``-k``, or when another
+    worker runs the rest."""
     if _SharedBench.opened is not None:
         _SharedBench.opened.close()
 
 
 class _Subject:
-    """One robot of the class under test, and what is asked of it."""
+    """One robot of the class under test, with the checks."""
 
     def __init__(self, cls: type[Driver], robot: str, good: Mapping[str, float] | None, has_twin: bool) -> None:
         self.cls = cls
@@ -241,7 +258,7 @@ class _Subject:
         assert not self.has_twin or callable(load(cls.TWIN)), f"TWIN is {cls.TWIN!r}, not module:function"
 
     def travels(self) -> None:
-        """A driver is built anew in each process from its class's name and plain options."""
+        """Check that a driver can be built in another process from the name of its class and plain options."""
         options = self.cls.resolve(self.robot, {})
         text = json.dumps(describe_driver(self.cls, self.robot, "", options))
         again = load_driver(json.loads(text))
@@ -249,15 +266,17 @@ class _Subject:
         assert (again.axes, again.ids) == (self.driver.axes, self.driver.ids), "built anew it has other axes"
 
     def names(self) -> None:
-        """What a driver names exists, and is given a frozen config: a wire that could reach its
-        driver would need all that the driver needs."""
+        """Check that the classes that a driver names exist, and that its config is frozen.
+
+        A wire with access to its driver would need everything that the driver needs.
+        """
         cls = self.cls
         for member, kind in (("WIRE", Wire), ("STOP_CHANNEL", StopChannel)):
             name = getattr(cls, member)
             if not name:
-                continue  # it makes its own
-            found = load(name)
-            assert isinstance(found, type) and issubclass(found, kind), f"{member} is {name!r}, no {kind.__name__}"
+                continue  # the driver makes it itself
+            named = load(name)
+            assert isinstance(named, type) and issubclass(named, kind), f"{member} is {name!r}, no {kind.__name__}"
             config = getattr(self.driver, "config", None)
             assert _is_frozen(config), f"config is {config!r}, no frozen struct"
 
@@ -288,13 +307,13 @@ class _Subject:
         except (TypeError, ValueError) as refusal:
             assert "no_such_option" in str(refusal), f"the refusal does not name it: {refusal}"
             return
-        # What is not in OPTIONS never reaches resolve(): Robot() refuses it first.
+        # Robot() refuses options that are not in OPTIONS, so they never reach resolve().
         assert "no_such_option" not in self.cls.OPTIONS
 
     # -- parse and gates
 
     def answer(self, action: Mapping[str, Any], state: GateState | None = None) -> Candidate | Refused:
-        """As the gate asks: every condition, parse, then every gate, until one refuses."""
+        """Answer as the gate would: all conditions, parse, then all gates, until one refuses."""
         state = state or self.state()
         for condition in self.driver.conditions:
             refusal = condition.check(state.observation, state.now_ns)
@@ -361,7 +380,8 @@ class _Subject:
     # -- with the twin
 
     def lives(self) -> str:
-        close_bench()  # of the driver before: its robot moves on where not all of its cells are run
+        # The robot of the previous driver still moves if not all of its cells were run.
+        close_bench()
         with (
             tempfile.TemporaryDirectory(prefix="sa-") as directory,
             Twin(self.robot, Path(directory), driver=self.cls) as twin,
@@ -383,7 +403,7 @@ class _Subject:
 
 
 def report(results: Sequence[Result]) -> Iterator[str]:
-    """For people: a line each."""
+    """Yield one line for each result, for people."""
     for result in results:
         mark = "ok  " if result.passed else "FAIL"
         yield f"{mark}  {result.name}{f': {result.detail}' if result.detail else ''}"

@@ -1,6 +1,8 @@
-"""Import this, and every driver of this package is imported, with what it needs to stop its robot: a
-root that is forked from one that has it does not import its own, a tenth of a second of computing.
-Twins and SDKs are left out."""
+"""Import every driver of this package, with its stop channel.
+
+A root that is forked from a process with these imports does not import its driver itself, which takes a tenth
+of a second of computing. Twins and SDKs are left out.
+"""
 
 from __future__ import annotations
 
@@ -13,5 +15,6 @@ from strands_actors.drivers import LEADERS, WIRES
 for _where in (*WIRES.values(), *LEADERS.values()):
     _class: type[Driver] = load(_where)
     if _class.STOP_CHANNEL:
-        with contextlib.suppress(ImportError):  # of an extra that is not installed: who wants this robot is told
+        # The extra of this robot is not installed. Using the robot reports it.
+        with contextlib.suppress(ImportError):
             load(_class.STOP_CHANNEL)

@@ -1,6 +1,8 @@
-"""Import this, and everything is imported that the drivers and the twins of this package import: a
-process forked from one that has it does not load every driver to find its own, a quarter of a second
-of computing. Wires are left out."""
+"""Import everything that the drivers and twins of this package import.
+
+A process that is forked from one with these imports does not load every driver to find its own, which takes a
+quarter of a second of computing. Wires are left out.
+"""
 
 from __future__ import annotations
 
@@ -13,5 +15,6 @@ from strands_actors.drivers import LEADERS, WIRES
 
 for _where in (*WIRES.values(), *LEADERS.values()):
     _class: type[Driver] = load(_where)
-    with contextlib.suppress(ImportError):  # of an extra that is not installed: who wants this twin is told
+    # The extra of this twin is not installed. Starting the twin reports it.
+    with contextlib.suppress(ImportError):
         import_module(_class.TWIN.partition(":")[0])

@@ -1,7 +1,6 @@
-"""A robot in memory: two axes, a wire that can be slow, silent or gone, and a record of what was
-written.
+"""A robot in memory: two axes, a wire that can be slow, silent or disconnected, and a record of all frames.
 
-It stands for any driver where the tree itself is tested, in virtual time too.
+It stands for any driver in tests of the tree itself, also in virtual time.
 """
 
 from __future__ import annotations
@@ -25,8 +24,15 @@ LIMIT = 100.0
 
 
 class Written(NamedTuple):
-    """One frame on the fake wire. ``kind``: setpoint, safe, enable, or read (of a handshake);
-    ``path``: wire or second."""
+    """One frame on the fake wire.
+
+    Attributes:
+        t_ns: When it was written.
+        kind: ``setpoint``, ``safe``, ``enable``, or ``read`` (of a handshake).
+        safe_state: Of a safe frame.
+        values: Of a setpoint, or the positions at a safe frame.
+        path: ``wire`` or ``stop_channel``.
+    """
 
     t_ns: int
     kind: str
@@ -37,19 +43,20 @@ class Written(NamedTuple):
 
 @dataclass
 class FakeHardware:
-    """The robot behind the wire, and the knobs a test turns."""
+    """The robot behind the wire, with settings that a test changes."""
 
     position: list[float] = field(default_factory=lambda: [0.0] * len(AXES))
     energised: list[bool] = field(default_factory=lambda: [False] * len(AXES))
     written: list[Written] = field(default_factory=list)
     plugged: bool = True
-    answers: bool = True  # else it hears what is written, and nobody hears it
-    confirm_s: float = 0.002  # what the wire needs to read motors back
-    holds: bool = True  # else its wire sees, after ``confirm_s``, that it does not hold, and lets it go limp
-    open_s: float = 0.001  # what a handshake takes
+    answers: bool = True  # False: it receives frames and sends no reply
+    confirm_s: float = 0.002  # time to read the motors back
+    # False: after ``confirm_s`` its wire sees that it does not hold, and lets it go limp.
+    holds: bool = True
+    open_s: float = 0.001  # time of a handshake
     silent: set[str] = field(default_factory=set)  # axes that do not answer
     read_s: float = 0.001
-    write_s: float = 0.0  # how long a write waits before its bytes leave
+    write_s: float = 0.0  # time that a write waits before its bytes leave
     read_hangs: bool = False
     opens: int = 0
     stamp_ns: list[int] = field(default_factory=lambda: [0] * len(AXES))
@@ -63,7 +70,7 @@ class FakeHardware:
         return [entry for entry in self.written if entry.kind == kind and entry.t_ns >= since_ns]
 
     def after(self, kind: str, earlier: Written) -> list[Written]:
-        """Return what came after ``earlier``, in the order of the wire: of one instant, too."""
+        """Return the later frames of one kind, in the order of the wire, also those of the same instant."""
         at = self.written.index(earlier)
         return [entry for entry in self.written[at + 1 :] if entry.kind == kind]
 
@@ -83,12 +90,11 @@ class FakeHardware:
 
 
 HARDWARE: dict[str, FakeHardware] = {}
-"""By port name: what a ``FakeDriver`` finds when it opens one."""
+"""The hardware of each port that a ``FakeDriver`` can open."""
 
 
 class FakeDriver(Driver):
-    """Position robot with the table of fallbacks of an arm: hold when a writer is late, limp for
-    the rest."""
+    """A position robot with the fallbacks of an arm: hold when a writer is late, limp otherwise."""
 
     SUPPORTED_ROBOTS: ClassVar[tuple[str, ...]] = ("fake",)
     PORT_KIND: ClassVar[Literal["serial", "address"]] = "address"
@@ -161,7 +167,7 @@ class FakeWire(Wire):
         return self._observe()
 
     async def read(self) -> Observation:
-        while self._hardware.read_hangs:  # noqa: ASYNC110  # a hang is what is wanted
+        while self._hardware.read_hangs:  # noqa: ASYNC110  # a hang is intended
             await trio.sleep(1.0)
         await trio.sleep(self._hardware.read_s)
         self._check_answer()

@@ -1,12 +1,14 @@
-"""What can break, who can break, what the wire must show then, which requirements that proves.
-Tables only.
+"""Faults, victims, the expected safe states and bounds, and the requirements that each cell proves. Tables
+only.
 
-A cell is one victim with one fault. Victims are the roles of the processes that a running tree has,
-and the robot (``Victims.TWIN``). Four kinds decide what the wire shows: caller, policy, wire, root.
-Every other process is a *bystander*: alone it changes nothing that the wire shows, so its trial ends
-with a stop, which must be as quick as ever. A process of a new kind is a bystander, too.
+A *cell* is one victim with one fault. Victims are the roles of the processes in a running tree, and the robot
+itself (``Victims.TWIN``).
 
-Each victim x fault exists; one that makes no sense says why.
+* Caller, policy, wire, root and robot are in control: a fault of one of them leads to a safe state on the wire.
+* Every other process is a *bystander*. A fault of a bystander alone changes nothing on the wire. So its trial
+  ends with a stop, which must be as quick as ever. A process with a new role is a bystander, too.
+
+Every combination of victim and fault exists. One that makes no sense has a text with the reason.
 """
 
 from __future__ import annotations
@@ -23,7 +25,7 @@ from strands_actors.supervisors.wire.transport import BACKOFF_S
 
 
 class Victims(enum.StrEnum):
-    """Those whose fault the wire shows. Other victims are known by their role in the tree."""
+    """The victims whose faults show on the wire. Other victims are named by their role in the tree."""
 
     CALLER = "caller"  # the user's script
     POLICY = "policy"
@@ -44,11 +46,12 @@ class Faults(enum.StrEnum):
     GARBAGE = "garbage"  # damaged replies
     SLOW = "slow"  # later replies, within timeouts
     STUCK = "stuck"  # old readings, no motion
-    WRONG = "wrong"  # readings that are not so
+    # readings that do not match the robot
+    WRONG = "wrong"
     DELAYED = "delayed"  # every reply after its timeout
     INTERMITTENT = "intermittent"  # every third reply is missing
     LATE_REPLY = "late reply"  # some replies after their timeout, then all is well
-    HALF_OPEN = "half-open"  # hears and obeys, and nothing it says arrives
+    HALF_OPEN = "half-open"  # receives and obeys, and its replies do not arrive
 
 
 SIGNALS = {
@@ -73,28 +76,35 @@ ROBOT_FAULTS = (
     Faults.HALF_OPEN,
 )
 LIVING = (Faults.FREEZE, Faults.SPIN)
-"""Faults that leave the process there."""
+"""Faults that leave the process running."""
 BYSTANDER_FAULTS = (Faults.KILL, Faults.FREEZE)
-"""It runs no code of ours that could be asked for another fault."""
+"""A bystander runs no code that could be ordered to fail in another way."""
 STARTED_AGAIN = ("standby", "recorder")
-"""Bystanders that their tree, or the bench, starts again at once when they have ended. A camera that
-ends again and again is waited for."""
+"""Bystanders that their tree, or the bench, restarts at once. A camera that ends again and again restarts after
+a pause."""
 RETURNING = (Faults.FREEZE, Faults.LINK_LOSS)
-"""Faults of the robot during which nothing can be written: measured from their end. The others:
-from a stop."""
+"""Faults of the robot during which nothing can be written. Their time is measured from the end of the fault,
+that of other faults from a stop."""
 LOSING = (Faults.GARBAGE,)
-"""Faults of the robot by which the link may count as lost before anybody asks for a stop."""
+"""Faults of the robot after which the link may count as lost before a stop is ordered."""
 CONFIRMED = (Faults.SLOW, Faults.LATE_REPLY)
-"""Faults of the robot in which a stop must be confirmed by every motor all the same."""
+"""Faults of the robot in which every motor must still confirm a stop."""
 
 RETURN_S = BACKOFF_S[-1] + 1.0
-"""Published: from a link that is back to the safe frame. The longest pause between two attempts, and one attempt,
-with room."""
+"""The published bound from the return of a link to the safe frame: the longest pause between two attempts, and
+one attempt, with room."""
 
 
 @dataclass(frozen=True)
 class Cell:
-    """``why_not``: why it is not applicable; empty: it is. ``proves``: ids of requirements."""
+    """One victim with one fault.
+
+    Attributes:
+        victim: The role of a process, or ``Victims.TWIN``.
+        fault: The fault.
+        why_not: Why the combination makes no sense. Empty if it does.
+        proves: Ids of requirements (docs/safety.md).
+    """
 
     victim: str
     fault: Faults
@@ -110,39 +120,38 @@ class Cell:
 
     @property
     def returns(self) -> bool:
-        """Measured from the fault's end."""
+        """True if the time is measured from the end of the fault."""
         return self.victim is Victims.TWIN and self.fault in RETURNING
 
     @property
     def stops(self) -> bool:
-        """Measured from a stop while the fault lasts, or just after it."""
+        """True if the time is measured from a stop during the fault, or just after it."""
         return self.victim is Victims.TWIN and self.fault not in RETURNING
 
 
 def is_bystander(role: str) -> bool:
-    """Return whether the wire shows nothing of a fault of this process alone."""
+    """Return True if a fault of this process alone does not show on the wire."""
     return role not in list(Victims)
 
 
 def spoils(victim: str, fault: str) -> bool:
-    """Return whether a tree is not whole again after this fault, and cannot be broken once more."""
+    """Return True if the tree cannot be used for another trial after this fault."""
     if is_bystander(victim):
         return fault == Faults.KILL and victim not in STARTED_AGAIN
     return victim == Victims.CALLER
 
 
 def victim_named(role: str) -> str:
-    """Return the member of ``Victims`` of that name, else the role as it is."""
+    """Return the member of ``Victims`` with this name, or else the role."""
     return role if is_bystander(role) else Victims(role)
 
 
 def cells_of(driver: Driver, roles: Iterable[str] = ()) -> Iterator[Cell]:
-    """Return every victim with every fault.
+    """Yield every victim with every fault.
 
     Args:
-        driver: Whose robot it is.
-        roles: Of the processes that its running tree has (``bench.roles_of``). Those in ``Victims``
-            are there in any case.
+        driver: The driver of the robot.
+        roles: The roles in its running tree (``bench.roles_of``). Those in ``Victims`` are always included.
     """
     bystanders = [role for role in dict.fromkeys(roles) if is_bystander(role)]
     for victim in (*Victims, *bystanders):
@@ -166,7 +175,7 @@ def _why_not(driver: Driver, victim: str, fault: Faults) -> str:
 
 
 def proves(victim: str, fault: Faults) -> tuple[str, ...]:
-    """The requirements (docs/safety-evidence.md) that a safe outcome of this cell shows."""
+    """Return the requirements (docs/safety-evidence.md) that a safe outcome of this cell proves."""
     if victim is Victims.TWIN:
         if fault in RETURNING:
             return ("SAF-002", "SAF-008", "SAF-012")
@@ -184,18 +193,22 @@ def proves(victim: str, fault: Faults) -> tuple[str, ...]:
 
 
 def bound_s(driver: Driver, victim: str, fault: str) -> float:
-    """Published: the driver's after a death or a stop; after a freeze or a spin what has to lapse
-    before it too."""
+    """Return the published bound of a cell, in seconds.
+
+    After the end of a process or a stop it is the driver's bound. After a freeze or a spin, the time until the
+    fault counts is added.
+    """
     if is_bystander(victim):
         return driver.bound_s
     if victim == Victims.TWIN:
         return RETURN_S if fault in RETURNING else driver.bound_s
     if fault not in LIVING:
-        # An exception in a policy's own code is caught: the rollout ends, the process with it.
+        # An exception in a policy is caught. The rollout ends, and its process too.
         return driver.bound_s
     timing = driver.timing
     heartbeat_ttl_s = timing.heartbeat_ttl_s
-    caller_s = timing.oneshot_ttl_s or LEASE_TTL_S  # what it latched stands as long as its lease
+    # A latched command is valid as long as the lease.
+    caller_s = timing.oneshot_ttl_s or LEASE_TTL_S
     lapses_s = {"caller": caller_s, "policy": timing.stream_ttl_s, "wire": heartbeat_ttl_s, "root": heartbeat_ttl_s}
     lapse_s = lapses_s[victim]
     if fault == Faults.FREEZE and victim in (Victims.CALLER, Victims.POLICY):
@@ -204,8 +217,10 @@ def bound_s(driver: Driver, victim: str, fault: str) -> float:
 
 
 def expected_safe_states(driver: Driver, victim: str, fault: str) -> tuple[str, ...]:
-    """Return one or two, of which the wire must show one: the driver's, for the reason that the fault
-    becomes; of a bystander: for a stop."""
+    """Return the safe states of which the wire must show one.
+
+    They are the driver's for the reason that the fault leads to, or for a stop if the victim is a bystander.
+    """
     living = fault in LIVING
     reasons = {
         "caller": Reason.LEASE if living else Reason.CALLER,
@@ -215,7 +230,7 @@ def expected_safe_states(driver: Driver, victim: str, fault: str) -> tuple[str, 
         "twin": Reason.LINK if fault in RETURNING else Reason.STOP,
     }
     reason = Reason.STOP if is_bystander(victim) else reasons[victim]
-    found = [driver.fallbacks[reason]]
-    if fault in LOSING and driver.fallbacks[Reason.LINK] not in found:
-        found.append(driver.fallbacks[Reason.LINK])
-    return tuple(found)
+    safe_states = [driver.fallbacks[reason]]
+    if fault in LOSING and driver.fallbacks[Reason.LINK] not in safe_states:
+        safe_states.append(driver.fallbacks[Reason.LINK])
+    return tuple(safe_states)

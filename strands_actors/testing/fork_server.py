@@ -1,9 +1,9 @@
-"""Processes of tests are forked from one that has imported what they need: a twin that is executed
-computes for a second before it serves.
+"""Fork the processes of tests from one with all imports. A twin that is executed computes for a second before
+it serves.
 
-The server has one thread and does nothing but fork. It imports what it is told before it begins,
-and nothing later: whoever asks for a child, perhaps with a robot running beside, waits for a fork
-alone. What a child lacks it imports itself.
+The server has one thread and only forks. It imports the given modules before it begins, and nothing later. So a
+request for a child, perhaps next to a running robot, takes only the time of a fork. A child imports any further
+modules itself.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ from strands_actors.kernel.processes.interpreter import PYTHON, environment
 from strands_actors.kernel.processes.process import exists
 
 START_S = 60.0
-"""For the first fork, on a busy machine: what the server imports comes before it."""
+"""Seconds for the first fork, on a busy machine. The imports of the server come before it."""
 _LOOK_S = 0.1
 _MAX_MESSAGE = 1 << 17
 _MAX_DESCRIPTORS = 16
@@ -46,7 +46,7 @@ _PROGRAM = "import sys; from strands_actors.testing.fork_server import main; mai
 
 
 class Forked:
-    """A child of the server's, as ``subprocess.Popen`` shows one. ``stdin``, ``stderr``: this end
+    """A child of the server, with the interface of ``subprocess.Popen``. ``stdin`` and ``stderr`` are this end
     of its pipes."""
 
     def __init__(
@@ -64,7 +64,7 @@ class Forked:
         return self.returncode
 
     def wait(self, timeout: float | None = None) -> int:
-        """Raise ``subprocess.TimeoutExpired``."""
+        """Wait for the end of the child, and return its exit code. Raise ``subprocess.TimeoutExpired``."""
         until_s = None if timeout is None else time.monotonic() + timeout
         while self.returncode is None:
             left_s = None if until_s is None else until_s - time.monotonic()
@@ -74,13 +74,13 @@ class Forked:
         return self.returncode
 
     def communicate(self, timeout: float | None = None) -> tuple[None, bytes | None]:
-        """Wait for its end; what it said on stderr, which must fit into a pipe."""
+        """Wait for the end of the child, and return its stderr, which must fit into a pipe."""
         self.wait(timeout)
-        told = None if self.stderr is None or self.stderr.closed else self.stderr.read()
+        errors = None if self.stderr is None or self.stderr.closed else self.stderr.read()
         for pipe in (self.stdin, self.stderr):
             if pipe is not None:
                 pipe.close()
-        return None, told
+        return None, errors
 
     def send_signal(self, number: int) -> None:
         if self.poll() is None:
@@ -94,8 +94,11 @@ class Forked:
 
 
 class ForkServer:
-    """Ends with this process, or with ``close``; what it forked goes on. ``imports``: modules that
-    its children are born with."""
+    """The server. It ends with this process, or with ``close``. Its children do not.
+
+    Args:
+        imports: The modules that its children inherit.
+    """
 
     def __init__(self, imports: Sequence[str] = ()) -> None:
         self._lock = threading.Lock()
@@ -105,7 +108,8 @@ class ForkServer:
         with theirs:
             self._process = subprocess.Popen(
                 [*PYTHON, "-c", _PROGRAM, str(theirs.fileno()), *imports],
-                env=environment(OPENBLAS_NUM_THREADS="1"),  # a process with threads must not fork
+                # OpenBLAS must start no threads, since a process with threads must not fork.
+                env=environment(OPENBLAS_NUM_THREADS="1"),
                 pass_fds=[theirs.fileno()],
                 stdin=subprocess.DEVNULL,
                 stdout=subprocess.DEVNULL,
@@ -124,10 +128,18 @@ class ForkServer:
         parent: int | None = None,
         keep: Sequence[int] = (),
     ) -> int:
-        """Fork a child that calls ``module:function`` with keyword arguments, in this process's
-        environment and directory; its pid. ``descriptors``: its stdin and stderr. ``parent``: a
-        descriptor that it is given as its ``parent_fd``. ``keep``: those that it has without being
-        told. Raise ``RuntimeError`` when the server is gone."""
+        """Fork a child that calls a function, in the environment and directory of this process. Return its pid.
+
+        Args:
+            call: ``module:function``.
+            arguments: Keyword arguments.
+            descriptors: The child's stdin and stderr.
+            parent: A descriptor that the function gets as ``parent_fd``.
+            keep: Further descriptors that stay open in the child.
+
+        Raises:
+            RuntimeError: The server has ended.
+        """
         request = {
             "call": call,
             "arguments": dict(arguments),
@@ -142,16 +154,19 @@ class ForkServer:
         with self._lock:
             try:
                 socket.send_fds(self._socket, [sent], given)
-                while (told := self._hear(START_S)) is not None:
-                    if "pid" in told:
-                        return told["pid"]
+                while (report := self._hear(START_S)) is not None:
+                    if "pid" in report:
+                        return report["pid"]
             except OSError:
-                pass  # said below
+                pass  # reported below
         raise RuntimeError("the process that forks twins has ended, or does not answer")
 
     def code_of(self, pid: int, within_s: float | None) -> int | None:
-        """The exit code of a child that has ended (negative: the signal); None: not yet. When the
-        server is gone nobody knows it, and a child that has ended counts as killed."""
+        """Return the exit code of a child, or the negative number of the signal that ended it. None if it has
+        not ended within the time.
+
+        If the server has ended, the code is lost, and a child that has ended counts as killed.
+        """
         until_s = None if within_s is None else time.monotonic() + within_s
         while True:
             with self._lock:
@@ -164,7 +179,7 @@ class ForkServer:
             left_s = None if until_s is None else until_s - time.monotonic()
             if left_s is not None and left_s <= 0.0:
                 return None
-            # Not for ever: another thread may have heard it.
+            # The wait is short, since another thread may have received the code.
             step_s = _LOOK_S if left_s is None else min(_LOOK_S, left_s)
             if self._gone:
                 time.sleep(step_s)
@@ -179,20 +194,21 @@ class ForkServer:
         self._process.wait()
 
     def _hear(self, within_s: float) -> dict[str, int] | None:
-        """What it says next; None: nothing ``within_s``, or it is gone. Ends are noted."""
+        """Return the next message of the server, and note reported ends. None if nothing came within
+        ``within_s``, or if the server has ended."""
         if self._gone or not select.select([self._socket], [], [], within_s)[0]:
             return None
         try:
-            said = self._socket.recv(_MAX_MESSAGE)
+            data = self._socket.recv(_MAX_MESSAGE)
         except ConnectionError:
-            said = b""
-        if not said:
+            data = b""
+        if not data:
             self._gone = True
             return None
-        told: dict[str, int] = json.loads(said)
-        if "ended" in told:
-            self._codes[told["ended"]] = told["code"]
-        return told
+        message: dict[str, int] = json.loads(data)
+        if "ended" in message:
+            self._codes[message["ended"]] = message["code"]
+        return message
 
 
 _servers: dict[str, tuple[int, ForkServer]] = {}
@@ -200,15 +216,19 @@ _one_at_a_time = threading.Lock()
 
 
 def server(of: str, imports: Sequence[str]) -> ForkServer:
-    """That of this process; a new one, with ``imports``, if there is none or it has ended. ``of``:
-    who share one."""
+    """Return the server of this process, or a new one if there is no running server.
+
+    Args:
+        of: The name of the group that shares a server.
+        imports: The modules that a new server imports.
+    """
     with _one_at_a_time:
-        made_by, found = _servers.get(of, (0, None))
-        if found is None or made_by != os.getpid() or not found.alive:
-            found = ForkServer(imports)
-            _servers[of] = os.getpid(), found
-            atexit.register(found.close)
-        return found
+        made_by, running = _servers.get(of, (0, None))
+        if running is None or made_by != os.getpid() or not running.alive:
+            running = ForkServer(imports)
+            _servers[of] = os.getpid(), running
+            atexit.register(running.close)
+        return running
 
 
 def twin_server() -> ForkServer:
@@ -222,14 +242,15 @@ def main(fd: int, imports: Sequence[str]) -> None:
     sock = socket.socket(fileno=fd)
     for name in imports:
         importlib.import_module(name)
-    read_protocols()  # else each root does, for 6 ms
+    # Otherwise each root does it, which takes 6 ms.
+    read_protocols()
     gc.collect()
     gc.freeze()  # a collection in a child would copy every page
     woken, wake = os.pipe()
     os.set_blocking(woken, False)
     os.set_blocking(wake, False)
     signal.signal(signal.SIGCHLD, lambda number, frame: None)
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the tests, which end it
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the tests, which end the server
     signal.set_wakeup_fd(wake, warn_on_full_buffer=False)
     while True:
         ready, _, _ = select.select([sock.fileno(), woken], [], [])
@@ -237,10 +258,10 @@ def main(fd: int, imports: Sequence[str]) -> None:
             os.read(woken, 4096)
             _report_ends(sock)
         if sock.fileno() in ready:
-            said, descriptors, _, _ = socket.recv_fds(sock, _MAX_MESSAGE, _MAX_DESCRIPTORS)
-            if not said:
+            data, descriptors, _, _ = socket.recv_fds(sock, _MAX_MESSAGE, _MAX_DESCRIPTORS)
+            if not data:
                 os._exit(0)
-            request = json.loads(said)
+            request = json.loads(data)
             pid = os.fork()
             if pid == 0:
                 for ours in (sock.fileno(), woken, wake):
@@ -263,7 +284,7 @@ def _report_ends(sock: socket.socket) -> None:
 
 
 def _run(request: Mapping[str, Any], descriptors: list[int]) -> NoReturn:
-    """In the child."""
+    """Run a request in the child."""
     code = 1
     try:
         signal.set_wakeup_fd(-1)
@@ -293,7 +314,7 @@ def _run(request: Mapping[str, Any], descriptors: list[int]) -> NoReturn:
 
 
 def be_child(parent_fd: int) -> None:
-    """In a child: be one as ``kernel.processes.process.execute`` makes it, told over ``parent_fd``
-    what to run."""
+    """Continue as a child process of ``kernel.processes.process.execute``, which gets its specification over
+    ``parent_fd``."""
     os.setpgid(0, 0)
     child.main(parent_fd)

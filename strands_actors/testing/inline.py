@@ -1,5 +1,4 @@
-"""A robot's whole tree in one process, on one trio loop: under ``MockClock`` it runs in virtual
-time."""
+"""A robot's whole tree in one process, on one trio loop. Under ``MockClock`` it runs in virtual time."""
 
 from __future__ import annotations
 
@@ -59,7 +58,7 @@ class InlineTree:
         with trio.fail_after(within_s):
             while True:
                 if self.gate.address in self.node.cells:
-                    answer = await self.gate.ask(GetStatus(), 1.0)  # or it has just ended
+                    answer = await self.gate.ask(GetStatus(), 1.0)  # the gate may have just ended
                     if isinstance(answer, Status) and answer.mode == mode:
                         return answer
                 await trio.sleep(0.002)
@@ -73,8 +72,15 @@ async def open_inline_tree(
     driver: Driver | None = None,
     locks: Locks | None = None,
 ) -> AsyncIterator[InlineTree]:
-    """The tree of a robot, connected and disarmed: of ``driver``, else of a ``FakeDriver`` on
-    ``hardware``. ``locks``: where an e-stop's lock is kept; None: nowhere."""
+    """Open the tree of a robot, connected and disarmed.
+
+    Args:
+        hardware: The hardware of a ``FakeDriver``.
+        clock: By default a clock in virtual time.
+        budget: The allowed restarts of the wire group. By default 100 in 5 s.
+        driver: Another driver.
+        locks: The store of the locks of e-stops. None keeps no locks.
+    """
     hardware = hardware or FakeHardware()
     port = f"fake-{next(_ports)}"
     HARDWARE[port] = hardware
@@ -116,6 +122,6 @@ async def open_inline_tree(
 
 
 def run_virtual(test: Callable[[], Awaitable[None]]) -> None:
-    """Run an async test in virtual time: it waits for nothing, and deadlines are exact."""
+    """Run an async test in virtual time. It takes no real time for waits, and deadlines are exact."""
     with busy.assumed(busy.IDLE):
         trio.run(test, clock=trio.testing.MockClock(autojump_threshold=0))

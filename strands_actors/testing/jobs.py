@@ -1,7 +1,7 @@
-"""Several benches side by side, each a ``worker`` process, until every cell has its trials.
+"""Run several benches next to each other, each in a ``worker`` process, until every cell has its trials.
 
-Orders are a few trials of one cell. A worker keeps its robot as long as there are orders for it; a
-robot whose bound is shorter than ``SHORT_S`` has one bench only, and the first.
+An order is a few trials of one cell. A worker keeps its robot as long as there are orders for it. A robot with
+a bound below ``SHORT_S`` has only one bench, and is measured first.
 """
 
 from __future__ import annotations
@@ -24,24 +24,32 @@ from .trials import Done, Trial, Trials, decode
 from .worker import Order
 
 AT_ONCE = 10
-"""Trials of an order: few enough that the workers end together."""
+"""Trials of an order: few enough that the workers end at about the same time."""
 END_S = 15.0
-"""For a worker whose trial is not over."""
+"""Seconds to wait for a worker in a trial."""
 SHORT_S = 0.05
-"""What is promised within less takes most of a processor, and is measured by one bench at a time."""
+"""A robot with a shorter bound (s) takes most of a processor, and is measured by one bench at a time."""
 ATTEMPTS = 3
-"""An order that fails so often is given up; the others are not."""
+"""An order that fails so often is given up. Other orders continue."""
 
 Drivers = Mapping[str, type[Driver] | None]
-"""Robots; with the driver's class, where this package does not know it."""
+"""The robots, with the class of each driver that is no part of this package."""
 
 
 Cells = Callable[[str, Driver], Iterable[Cell | Pair]]
-"""Of a robot and its driver."""
+"""Returns the cells of a robot and its driver."""
 
 
 class Plan:
-    """What is left to do. ``victims``: only cells with one of these; empty: all."""
+    """The remaining orders.
+
+    Args:
+        drivers: The robots.
+        repeats: Undisturbed trials for each cell.
+        trials: The trials that were made already.
+        cells: The cells of a robot.
+        victims: Only cells with one of these victims. Empty for all.
+    """
 
     def __init__(
         self,
@@ -71,11 +79,11 @@ class Plan:
             )
 
         for number, orders in enumerate(self._left.values()):
-            # not every robot's callers spin at once: each begins elsewhere in the table
+            # Each robot begins at another place in the table, so that not all callers spin at the same time.
             orders.rotate(-number * len(orders) // len(self._left))
 
     def next_for(self, robot: str) -> Order | None:
-        """For a worker with a bench of ``robot``, or with none yet (empty)."""
+        """Return the next order for a worker with a bench of ``robot``, or without a bench (empty)."""
         if robot and self._left[robot]:
             return self._left[robot].popleft()
         if robot:
@@ -93,10 +101,10 @@ class Plan:
 
 
 def _missing(trials: Trials, robot: str, cell: Cell | Pair, repeats: int) -> int:
-    """So many more, unless as many as that were disturbed already."""
-    known = trials.of(robot, cell)
-    good = sum(not outcome.disturbed for outcome in known)
-    return max(0, repeats - good) if len(known) < 2 * repeats else 0
+    """Return the number of missing trials, or 0 if twice as many as requested were made already."""
+    outcomes = trials.of(robot, cell)
+    good = sum(not outcome.disturbed for outcome in outcomes)
+    return max(0, repeats - good) if len(outcomes) < 2 * repeats else 0
 
 
 def _orders(robot: str, where: str, cell: Cell | Pair, trials: int) -> Iterator[Order]:
@@ -105,7 +113,7 @@ def _orders(robot: str, where: str, cell: Cell | Pair, trials: int) -> Iterator[
 
 
 async def measure_all(plan: Plan, jobs: int, heard: Callable[[Trial], None]) -> list[str]:
-    """Tell every trial to ``heard`` as it comes; what could not be measured, in words."""
+    """Pass every trial to ``heard`` as it comes. Return the problems, for people."""
     problems: list[str] = []
     async with trio.open_nursery() as nursery:
         for _ in range(jobs):
@@ -127,7 +135,7 @@ async def _work(plan: Plan, heard: Callable[[Trial], None], problems: list[str])
 
 
 async def _persevere(worker: _Worker, order: Order) -> str:
-    """Why it has fewer trials than ordered; empty: it has not."""
+    """Carry out an order. Return why it has fewer trials than ordered, or an empty text."""
     problem = ""
     for _ in range(ATTEMPTS):
         problem = await worker.carry_out(order)
@@ -138,17 +146,17 @@ async def _persevere(worker: _Worker, order: Order) -> str:
 
 
 class _Worker:
-    """A process with a bench; another one when it has ended."""
+    """A process with a bench. It is replaced when it has ended."""
 
     def __init__(self, heard: Callable[[Trial], None]) -> None:
         self._heard = heard
         self._process: trio.Process | None = None
         self._said = b""
         self.undisturbed = 0
-        """Trials of the last order."""
+        """Undisturbed trials of the last order."""
 
     async def carry_out(self, order: Order) -> str:
-        """Why not all of it; empty: all of it."""
+        """Carry out an order. Return the problem, or an empty text."""
         self.undisturbed = 0
         process = self._process or await self._begin()
         assert process.stdin is not None
@@ -189,7 +197,7 @@ class _Worker:
         return self._process
 
     async def _line(self, process: trio.Process) -> bytes:
-        """Empty: it has ended."""
+        """Return the next line, or nothing if the process has ended."""
         assert process.stdout is not None
         while b"\n" not in self._said:
             data = await process.stdout.receive_some()

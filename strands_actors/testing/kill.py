@@ -24,7 +24,7 @@ def main() -> int:
     parser.add_argument("--victim", action="append", help=f"{', '.join(Victims)}, or another role of its tree")
     parser.add_argument("--fault", choices=list(Faults), action="append")
     options = parser.parse_args()
-    # a shell's background job ignores it, and so its children
+    # A background job of a shell ignores this signal, and its children would inherit that.
     signal.signal(signal.SIGINT, signal.default_int_handler)
 
     def wanted(cell: Cell) -> bool:

@@ -1,6 +1,8 @@
-"""One short life of a robot, for ``check_driver``: ``python -m strands_actors.testing.life JSON``
-with ``robot``, ``port`` and ``driver``. Ends with code 0 and a line on what was seen, or with what
-went wrong."""
+"""Let one robot move, stop and resume, for ``check_driver``.
+
+Run ``python -m strands_actors.testing.life JSON`` with ``robot``, ``port`` and ``driver``. It ends with code 0
+and one line on the robot, or with the problem.
+"""
 
 from __future__ import annotations
 
@@ -15,9 +17,9 @@ from strands_actors import Robot
 from .registering import register
 
 STILL_S = 3.0
-"""By then a robot lies where it fell."""
+"""Seconds after which a robot that fell lies still."""
 ON_THE_WIRE_S = 0.1
-"""By then a setpoint has left, on a wire too that may only answer its robot once in a cycle."""
+"""Seconds after which a setpoint has left, also on a wire that may only answer its robot once in a cycle."""
 
 
 def main(text: str) -> None:
@@ -41,8 +43,10 @@ def main(text: str) -> None:
 
 
 def _stand_still(robot: Any) -> dict[str, float]:
-    """Tell the first axis to be where it is, and return that action. A robot that has just fallen
-    may be somewhere else by then: it is asked again."""
+    """Command the first axis to its present position, and return that action.
+
+    A robot that has just fallen may be at another position by then, so the command is repeated.
+    """
     until_s = time.monotonic() + STILL_S
     while True:
         seen = robot.get_observation()

@@ -1,15 +1,17 @@
-"""The kill matrix: every victim with every fault on every robot that has a twin, measured.
+"""The kill matrix: measure every victim with every fault on every robot that has a twin.
 
-A *bench* is a twin, a template and a caller. Callers are forked from the template, which has
-imported everything and has one thread; each ends as a script does. *Jobs* are worker processes with
-a bench each, given ten trials of one cell at a time; a robot of legs has one bench.
+A *bench* is a twin, a template and a caller. Callers are forked from the template, which has imported
+everything and has one thread. Each caller ends like a script. *Jobs* are worker processes with a bench each,
+which get ten trials of one cell at a time. A robot with legs has one bench.
 
-Benches disturb each other, which must neither be hidden nor taken for the robot's. A trial that is
-safe but past its bound is *disturbed* when, between fault and safe frame, the processes of tree,
-robot and bench together stood in line for a processor for more than 10 ms, and it would have kept
-the bound without. It is repeated, and counted on the page. One that is not safe, or has setpoints
-after, always counts. A cell of which more trials were disturbed than not is not called safe. A
-trial begins only when the last that the wire showed before the fault is a setpoint.
+Theory. Benches disturb each other. That must not be hidden, and must not count against the robot.
+
+* A trial that is safe but past its bound is *disturbed* under two conditions. Between fault and safe frame the
+  processes of tree, robot and bench together waited for a processor for more than 10 ms. And without this wait
+  the trial would have kept the bound. It is repeated, and counted on the page.
+* A trial that is not safe, or that has setpoints after the safe frame, always counts.
+* A cell with more disturbed trials than others is not called safe.
+* A trial begins only when the last frame on the wire before the fault is a setpoint.
 """
 
 from __future__ import annotations
@@ -31,28 +33,28 @@ from .trials import Trials
 
 
 class Row(msgspec.Struct, frozen=True, omit_defaults=True):
-    """One cell of one robot. Times in milliseconds, None when no safe frame came."""
+    """One cell of one robot. Times are in milliseconds; None if no safe frame came."""
 
     robot: str
     victim: str
     fault: str
-    why_not: str = ""  # why it is not applicable; then the rest means nothing
+    why_not: str = ""  # why the cell is not applicable; then the other fields have no meaning
     safe_state: str = ""
-    trials: int = 0  # less the disturbed
+    trials: int = 0  # without the disturbed ones
     median_ms: float | None = 0.0
     worst_ms: float | None = 0.0
     bound_ms: float = 0.0
     setpoints_after: int = 0
     gone_worst_ms: float = 0.0
     late: int = 0  # trials past the bound
-    unsafe: int = 0  # trials without a whole safe frame, or with a setpoint behind it
-    disturbed: int = 0  # trials that were late because their processes stood in line for a processor
+    unsafe: int = 0  # trials without a safe frame for the whole robot, or with a setpoint after it
+    disturbed: int = 0  # trials that were late because their processes waited for a processor
     proves: tuple[str, ...] = ()
-    stories: tuple[str, ...] = ()  # of the trials that are not safe, or late
+    stories: tuple[str, ...] = ()  # of trials that are unsafe or late
 
     @property
     def excused(self) -> bool:
-        """More often than not: that is no longer the machine."""
+        """True if more trials were disturbed than not. Then the machine is no excuse."""
         return self.disturbed > self.trials
 
     @property
@@ -71,7 +73,15 @@ def measure(
     only: Callable[[Cell], bool] = lambda _: True,
     progress: Progress = lambda *_: None,
 ) -> Iterator[Row]:
-    """Each cell of one robot, in the order of the tables."""
+    """Measure each cell of one robot, in the order of the tables.
+
+    Args:
+        robot: A column of the matrix (``registering.column``).
+        repeats: Undisturbed trials for each cell.
+        driver_class: The driver of a robot that is no part of this package.
+        only: Returns True for cells to measure.
+        progress: Called after each trial.
+    """
     with Bench(robot, driver_class) as bench:
         for cell in cells_of(bench.driver, roles_of(bench)):
             if not only(cell):
@@ -87,14 +97,14 @@ def measure(
 
 
 def rows_of(drivers: Drivers, trials: Trials, cells: Cells) -> Iterator[Row]:
-    """Each cell of each robot, in the order of the tables."""
+    """Yield a row for each cell of each robot, in the order of the tables."""
     for robot, driver_class in drivers.items():
         for cell in cells(robot, driver_of(robot, driver_class)):
             yield summary(robot, cell, () if cell.why_not else trials.of(robot, cell))
 
 
 def summary(robot: str, cell: Cell | Pair, outcomes: Sequence[Outcome]) -> Row:
-    """Figures are of the trials that were not disturbed; of what is not safe none is left out."""
+    """Return the row of a cell. Its figures are of undisturbed trials. Unsafe trials always count."""
     counted = [outcome for outcome in outcomes if not outcome.disturbed]
     if not counted:
         return Row(robot, cell.victim, cell.fault, cell.why_not, disturbed=len(outcomes), proves=cell.proves)
@@ -124,7 +134,7 @@ def _rounded(time_ms: float) -> float | None:
 
 
 def shown(time_ms: float | None) -> str:
-    """With a tenth of a millisecond; never: no safe frame came."""
+    """Return a time with tenths of a millisecond, or ``never`` if no safe frame came."""
     return "never" if time_ms is None else f"{time_ms:.1f}"
 
 

@@ -1,7 +1,7 @@
-"""A kill matrix written down: a page for people, and beside it the same figures as JSON.
+"""Write a kill matrix as a page for people, and the same figures as JSON.
 
-A *column* is all that was measured of one robot in one run, with the conditions. The JSON file keeps
-the columns, so that one robot can be measured again and its column replaced.
+A *column* has all measurements of one robot in one run, with the conditions. The JSON file keeps the columns,
+so that one robot can be measured again and its column replaced.
 """
 
 from __future__ import annotations
@@ -19,18 +19,18 @@ from .trials import Trials
 
 
 class Column(msgspec.Struct, frozen=True):
-    """One robot's cells. ``taken``: under which conditions."""
+    """The cells of one robot, and the conditions under which they were measured."""
 
     taken: dict[str, str]
     rows: list[Row]
 
 
 Columns = dict[str, Column]
-"""By robot."""
+"""The column of each robot."""
 
 
 def columns_of(rows: Iterable[Row], trials: Trials) -> Columns:
-    """What has just been measured."""
+    """Return the columns of new measurements."""
     columns: Columns = {}
     for row in rows:
         if row.robot not in columns:
@@ -40,18 +40,18 @@ def columns_of(rows: Iterable[Row], trials: Trials) -> Columns:
 
 
 def conditions(trials: Trials, robot: str) -> dict[str, str]:
-    """Under which the figures of a robot were taken."""
-    found = [trial for trial in trials.all if trial.robot == robot]
-    loads = [trial.load for trial in found] or [0.0]
-    dates = [trial.at for trial in found] or [trials.runs[-1].at]
+    """Return the conditions under which the figures of a robot were measured."""
+    measured = [trial for trial in trials.all if trial.robot == robot]
+    loads = [trial.load for trial in measured] or [0.0]
+    dates = [trial.at for trial in measured] or [trials.runs[-1].at]
     jobs = sorted({run.jobs for run in trials.runs})
-    disturbed = sum(trial.outcome.disturbed for trial in found)
+    disturbed = sum(trial.outcome.disturbed for trial in measured)
     return {
         "date": f"{dates[0]} to {dates[-1]} UTC",
         **trials.runs[-1].subject,
         "load": f"{min(loads):.1f} to {max(loads):.1f}",
         "jobs": f"{' or '.join(map(str, jobs))} side by side",
-        "trials": f"{len(found)}, of which disturbed: {disturbed}",
+        "trials": f"{len(measured)}, of which disturbed: {disturbed}",
     }
 
 
@@ -59,7 +59,7 @@ def conditions(trials: Trials, robot: str) -> dict[str, str]:
 
 
 def load(path: Path) -> Columns:
-    """Empty without a file. Raise ``msgspec.DecodeError``."""
+    """Read the columns of a file. Return nothing if there is no file. Raise ``msgspec.DecodeError``."""
     try:
         return msgspec.json.decode(path.read_bytes(), type=Columns)
     except FileNotFoundError:
@@ -67,7 +67,7 @@ def load(path: Path) -> Columns:
 
 
 def encode(columns: Mapping[str, Column]) -> bytes:
-    """A line for each cell."""
+    """Return the columns as JSON, with a line for each cell."""
     return b"{" + b",\n".join(_column(robot, column) for robot, column in columns.items()) + b"}\n"
 
 
@@ -143,7 +143,7 @@ from the program. This page was made by
 
 
 def page(columns: Mapping[str, Column], introduction: str = INTRODUCTION) -> str:
-    """The page as Markdown."""
+    """Return the page as Markdown."""
     rows = [row for column in columns.values() for row in column.rows]
     measured = [row for row in rows if not row.why_not]
     repeats = max((row.trials for row in measured), default=1)

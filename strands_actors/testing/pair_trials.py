@@ -1,5 +1,5 @@
-"""One trial of a pair: break two processes of a moving robot, one shortly after the other, and read
-the wire."""
+"""Run one trial of a pair: break two processes of a moving robot, one shortly after the other, and read the
+wire."""
 
 from __future__ import annotations
 
@@ -31,8 +31,8 @@ from .pairs import APART_S, Pair, expected_safe_states, pair_bound_s
 
 
 def run_pair(pair: Pair, bench: Bench, settle_s: float = SETTLE_S) -> Outcome:
-    """As ``cells.run_cell``. Which of the two comes first, and how much later the other one does,
-    is drawn."""
+    """Run a pair, as ``cells.run_cell`` does for a cell. The order of the two faults and the time between them
+    are random."""
     apart_s = random.uniform(0.0, APART_S)
 
     def trial(caller: Caller) -> Outcome:
@@ -43,7 +43,7 @@ def run_pair(pair: Pair, bench: Bench, settle_s: float = SETTLE_S) -> Outcome:
 
 
 def _motion(pair: Pair, driver: Driver) -> str:
-    """Whoever of the two can write does."""
+    """Choose the motion in which one of the two victims writes, if one can."""
     if driver.TASKS:
         return "rollout"
     if driver.ROLLOUTS:
@@ -64,7 +64,7 @@ async def _break_pair(bench: Bench, caller: Caller, pair: Pair, apart_s: float, 
         except ProcessLookupError:
             if not number:
                 raise NotMoving(f"a process of {pair.victim} had ended before it was to break") from None
-            # the first fault has ended it: a trial all the same
+            # ^ The first fault has ended this process. The trial counts all the same.
     bound_ms = pair_bound_s(bench.driver, pair) * 1e3
     expected = Expected(pair.victim, pair.fault, expected_safe_states(bench.driver, pair), bound_ms)
     if pair.stops:
@@ -81,7 +81,7 @@ async def _break_pair(bench: Bench, caller: Caller, pair: Pair, apart_s: float, 
 
 
 def _let_go(pair: Pair, caller: Caller) -> None:
-    """A frozen process that goes on must not write: it was fenced, or has no way to."""
+    """Let frozen processes continue. They must not write: they were fenced, or have no access to the wire."""
     for member, fault in pair.faults:
         if fault is Faults.FREEZE and member != Victims.CALLER:
             with contextlib.suppress(ProcessLookupError):
@@ -89,7 +89,7 @@ def _let_go(pair: Pair, caller: Caller) -> None:
 
 
 def _orders(pair: Pair, caller: Caller) -> list[tuple[int, signal.Signals]]:
-    """Whom to send which signal, in turn."""
+    """Return the process ids and signals, in random order."""
     if not pair.members:
         own = [pid for role, pid in caller.pids().items() if role != Victims.TWIN]
         return [(pid, signal.SIGTERM) for pid in own if "python" in Path(f"/proc/{pid}/comm").read_text()]

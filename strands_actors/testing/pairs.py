@@ -1,5 +1,4 @@
-"""Two processes break within a moment of each other: who with whom, what the wire must show then.
-Tables only."""
+"""Pairs of processes that break shortly after each other, and the expected safe states and bounds. Tables only."""
 
 from __future__ import annotations
 
@@ -14,14 +13,16 @@ from strands_actors.supervisors.standby.watch import look_s, silent_s
 from .faults import Faults, Victims, bound_s, is_bystander, victim_named
 
 APART_S = 0.05
-"""Longest time between the two."""
+"""Longest time between the two faults, in seconds."""
 
 
 class Ways(enum.StrEnum):
     KILLS = "kill + kill"
-    FREEZE_AND_KILL = "freeze + kill"  # the first is frozen, the second killed, in either order
+    FREEZE_AND_KILL = (
+        "freeze + kill"  # the first victim is frozen and the second killed; either fault may come first
+    )
     FREEZES = "freeze + freeze"
-    PKILL = "pkill python"  # whoever has a name with python in it: SIGTERM
+    PKILL = "pkill python"  # SIGTERM to all processes with python in their names
 
 
 FAULTS = {
@@ -35,7 +36,7 @@ _LAST_TWO = {Victims.ROOT, Victims.WIRE}
 
 @dataclass(frozen=True)
 class Pair:
-    """As ``faults.Cell``, of two roles of a tree. ``members``: empty for a row of its own, ``PKILL``."""
+    """Two victims, as ``faults.Cell`` is one. ``members`` is empty for the row of ``PKILL``."""
 
     members: tuple[str, ...]
     way: Ways
@@ -52,12 +53,12 @@ class Pair:
 
     @property
     def faults(self) -> tuple[tuple[str, Faults], ...]:
-        """What is done to whom."""
+        """The two victims, each with its fault."""
         return tuple(zip(self.members, FAULTS[self.way], strict=True)) if self.members else ()
 
     @property
     def stops(self) -> bool:
-        """Return whether the wire shows nothing of either: the trial ends with a stop."""
+        """True if neither fault shows on the wire. Then the trial ends with a stop."""
         return bool(self.members) and all(map(is_bystander, self.members))
 
     def __str__(self) -> str:
@@ -65,11 +66,11 @@ class Pair:
 
 
 def pairs_of(driver: Driver, roles: Iterable[str]) -> Iterator[Pair]:
-    """Return every two processes of a tree in every way, and the row of ``PKILL``.
+    """Yield every two processes of a tree with every combination of faults, and the row of ``PKILL``.
 
     Args:
-        driver: Whose robot it is.
-        roles: Of the processes that its running tree has (``bench.roles_of``).
+        driver: The driver of the robot.
+        roles: The roles in its running tree (``bench.roles_of``).
     """
     victims = [victim_named(role) for role in dict.fromkeys(roles) if role != Victims.TWIN]
     for way in FAULTS:
@@ -81,7 +82,7 @@ def pairs_of(driver: Driver, roles: Iterable[str]) -> Iterator[Pair]:
 
 
 def pair_named(victim: str, fault: str) -> Pair:
-    """The pair whose ``victim`` and ``fault`` these are. Raise ``ValueError``."""
+    """Return the pair with this ``victim`` and ``fault``. Raise ``ValueError``."""
     members = () if victim == ALL else tuple(map(victim_named, victim.split(" + ")))
     return Pair(members, Ways(fault))
 
@@ -96,27 +97,29 @@ _ENDED = _LIVING | {Victims.CALLER: Reason.CALLER, Victims.POLICY: Reason.POLICY
 
 
 def _decisive(pair: Pair) -> dict[str, tuple[Faults, Reason]]:
-    """The faults that the wire shows: those that stop the robot; when none does, those that hold
-    it."""
-    found: dict[str, tuple[Faults, Reason]] = {
+    """Return the faults that show on the wire: those that stop the robot, or else those that hold it."""
+    effective: dict[str, tuple[Faults, Reason]] = {
         member: (fault, (_LIVING if fault is Faults.FREEZE else _ENDED)[Victims(member)])
         for member, fault in pair.faults
         if not is_bystander(member)
     }
-    stops = {member: each for member, each in found.items() if each[1] not in HOLDING_REASONS}
-    return stops or found
+    stops = {member: each for member, each in effective.items() if each[1] not in HOLDING_REASONS}
+    return stops or effective
 
 
 def expected_safe_states(driver: Driver, pair: Pair) -> tuple[str, ...]:
-    """One of these."""
+    """Return the safe states of which the wire must show one."""
     usual = Reason.STOP if pair.stops else Reason.CALLER
     reasons = [reason for _, reason in _decisive(pair).values()] or [usual]
     return tuple(dict.fromkeys(driver.fallbacks[reason] for reason in reasons))
 
 
 def pair_bound_s(driver: Driver, pair: Pair) -> float:
-    """Published, from the later of the two faults. Root and wire: the standby's. All others: the
-    longer one of the two alone, since somebody is left who acts."""
+    """Return the published bound, in seconds from the later fault.
+
+    For root and wire it is that of the standby. For all others it is the longer bound of the two alone, since
+    another process is left that acts.
+    """
     timing = driver.timing
     if set(pair.members) == _LAST_TWO:
         frozen = pair.way is not Ways.KILLS

@@ -1,4 +1,4 @@
-"""A policy that breaks when told to, in the named way."""
+"""A policy that breaks on command."""
 
 from __future__ import annotations
 
@@ -11,12 +11,18 @@ from strands_actors.supervisors.introspection import fall
 
 
 class Faulty(Sine):
-    """A ``Sine`` until the file ``trigger`` appears; then its content happens: exception, exit or
-    spin. The time it happened goes to ``<trigger>.t`` (CLOCK_MONOTONIC nanoseconds).
+    """A ``Sine`` that fails when the file ``trigger`` appears.
+
+    The file's content is the fault: exception, exit or spin. The time of the fault goes to ``<trigger>.t``
+    (CLOCK_MONOTONIC nanoseconds).
 
     Args:
-        joint: which one moves; empty: all.
-        others: where the others stay, for a robot that is always told of all.
+        axes: The axes of the robot.
+        trigger: The path of the file.
+        amplitude: In the driver's units.
+        hz: The frequency of the motion.
+        joint: The joint that moves. Empty for all.
+        others: The positions of the other joints, for a robot that needs whole actions.
     """
 
     def __init__(

@@ -1,8 +1,7 @@
-"""How long processes stood in line for a processor: whether a late trial shows the robot's tree, or
-the machine.
+"""Measure how long processes waited for a processor, to tell a slow tree from a busy machine.
 
-Linux tells (``/proc/<pid>/task/<tid>/schedstat``); elsewhere nobody stood in line, and a late trial
-is late.
+Linux reports this (``/proc/<pid>/task/<tid>/schedstat``). Elsewhere the time counts as zero, so a late trial is
+late.
 """
 
 from __future__ import annotations
@@ -13,13 +12,17 @@ from collections.abc import Iterable, Iterator
 from strands_actors.kernel.health.processor import Standing, standing
 
 DISTURBED_MS = 10.0
-"""Less than that is no disturbance: on an idle machine, too, a process waits a little for its
-turn."""
+"""Less than this is no disturbance. A process waits a little for its turn on an idle machine, too."""
 
 
 class Queue:
-    """Of some processes, from now on. ``mortal``: one that may end before the others are asked:
-    ``look`` at it meanwhile. Any other that ends, or begins, counts as never having waited."""
+    """Measures the waits of some processes from now on.
+
+    Args:
+        pids: The processes.
+        mortal: One of them that may end before the measurement does. ``look`` reads its time meanwhile. Any
+            other process that ends, or begins, counts as not having waited.
+    """
 
     def __init__(self, pids: Iterable[int], mortal: int = 0) -> None:
         self._before = {pid: dict(_threads(pid)) for pid in pids}
@@ -30,7 +33,8 @@ class Queue:
         self._seen = standing(self._mortal) or self._seen
 
     def stood_ms(self) -> float:
-        """Together; of each process the thread that stood longest."""
+        """Return the waits of all processes together, in milliseconds. Of each process only the thread with the
+        longest wait counts."""
         return sum(self._longest_ns(pid, before) for pid, before in self._before.items()) / 1e6
 
     def _longest_ns(self, pid: int, before: dict[int, Standing]) -> int:

@@ -1,4 +1,4 @@
-"""A recorder beside a moving robot, for the kill matrix."""
+"""A recorder of a moving robot, for the kill matrix."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from strands_actors.kernel.processes.interpreter import PYTHON, environment
 
 
 class RecorderProcess:
-    """As ``strands_actors.record`` starts one, into a file that nobody reads."""
+    """A recorder as ``strands_actors.record`` starts one. Its file is not read."""
 
     def __init__(self, robot: str, run_dir: Path) -> None:
         self._directory = tempfile.TemporaryDirectory(prefix="sa-")
@@ -30,7 +30,7 @@ class RecorderProcess:
         return self._process.poll() is None
 
     def end(self) -> None:
-        """Kill it, also where it was stopped."""
+        """Kill the recorder, also if it is frozen."""
         with contextlib.suppress(ProcessLookupError):
             os.kill(self._process.pid, signal.SIGKILL)
         self._process.wait()

@@ -1,4 +1,4 @@
-"""A driver that is no part of this package, made known to a process that starts afresh."""
+"""Register a driver that is no part of this package in a new process."""
 
 from __future__ import annotations
 
@@ -8,27 +8,31 @@ from strands_actors.drivers import get_native_driver_class, register_native_driv
 
 
 def where_is(driver_class: type[Driver]) -> str:
-    """``module:Class``, from which another process can load it."""
+    """Return ``module:Class``, from which another process can load the driver."""
     return f"{driver_class.__module__}:{driver_class.__qualname__}"
 
 
 def class_of(where: str) -> type[Driver] | None:
-    """None for an empty ``where``: a robot that this package knows by itself."""
-    found: type[Driver] | None = load(where) if where else None
-    return found
+    """Load a driver class. Return None for an empty ``where``, which means a robot of this package."""
+    driver_class: type[Driver] | None = load(where) if where else None
+    return driver_class
 
 
 def register(where: str, robot: str) -> None:
-    """Serve ``robot`` by the class at ``module:Class``, unless it is so already."""
+    """Register the class at ``module:Class`` for ``robot``, unless it is registered already."""
     driver_class = load(where)
     if get_native_driver_class(robot) is not driver_class:
         register_native_driver(robot, driver_class, overwrite=True)
 
 
 def column(name: str, where: str = "") -> tuple[str, str]:
-    """Return the robot of a column of the kill matrix, and ``module:Class`` of a driver that has to be
-    registered for it. A column is a robot, or ``robot:level`` of one that can be commanded in two
-    ways (``Driver.LEVELS``). Raise ``ValueError`` for a level that is not there."""
+    """Return the robot of a column of the kill matrix, and the ``module:Class`` of a driver to register for it.
+
+    A column is a robot, or ``robot:level`` for one that can be commanded in two ways (``Driver.LEVELS``).
+
+    Raises:
+        ValueError: The robot has no such level.
+    """
     robot, _, level = name.partition(":")
     if not level or where:
         return robot, where
@@ -40,9 +44,11 @@ def column(name: str, where: str = "") -> tuple[str, str]:
 
 
 def prepare(robot: str, where: str) -> None:
-    """Have the driver of ``robot``, the name of a column, imported, and registered where it is not of
-    this package. Of a robot at another level it is not: in this process the name goes on to mean the
-    robot itself, and the caller that commands it registers the other for itself."""
+    """Import the driver of a column, and register it if it is no part of this package.
+
+    The driver of another level is not registered. In this process the robot's name keeps its usual meaning, and
+    the caller that commands the other level registers that itself.
+    """
     if where:
         register(where, robot)
     else:

@@ -1,9 +1,8 @@
-"""Callers are forked from a process that has imported everything: a third of a second of imports
-less for each.
+"""Fork callers from a process with all imports, which saves a third of a second for each.
 
-The template has one thread, no session and no robot; all it does is fork. A caller is a session of
-its own, as one started from a shell is, and runs from the top of the interpreter: it ends as a
-script does, by whatever way.
+The template has one thread, no session and no robot. It only forks. A caller is a separate session, like one
+that is started from a shell. It runs from the top of the interpreter, so it ends as a script does, whatever
+ends it.
 """
 
 from __future__ import annotations
@@ -25,13 +24,13 @@ from typing import Any, NoReturn
 from strands_actors.kernel.processes.interpreter import PYTHON
 
 READY_S = 60.0
-"""For its imports, on a busy machine."""
+"""Seconds for the imports of the template, on a busy machine."""
 _MAX_REQUEST = 65536
 
 
 class Forked:
-    """A process that the template forked. The template does not wait for its children: a number is
-    free at once."""
+    """A child of the template. The template does not wait for its children, so the id of a child is free at
+    once."""
 
     def __init__(self, pid: int) -> None:
         self.pid = pid
@@ -45,7 +44,7 @@ class Forked:
         return True
 
     def end(self) -> None:
-        """Kill it; return when it is gone."""
+        """Kill the process, and wait for its end."""
         with contextlib.suppress(ProcessLookupError):
             os.kill(self.pid, signal.SIGKILL)
         while self.alive:
@@ -53,8 +52,14 @@ class Forked:
 
 
 class Template:
-    """``environment``: of the callers. ``robot``, ``where`` (``module:Class``, or empty): whose
-    driver they import."""
+    """The template process.
+
+    Args:
+        environment: The environment of the callers.
+        robot: The robot, or column, with the driver to import.
+        where: ``module:Class`` of its driver. Empty for one of this package.
+        errors: The file for its stderr.
+    """
 
     def __init__(self, environment: Mapping[str, str], robot: str, where: str, errors: Path) -> None:
         self._errors = errors
@@ -75,8 +80,7 @@ class Template:
         return self._process.pid
 
     def fork(self, wanted: Mapping[str, Any], stdin: int, stdout: int, stderr: int) -> Forked:
-        """A caller with these descriptors, told ``wanted``. Raise ``RuntimeError`` when the
-        template is gone."""
+        """Fork a caller with these settings and descriptors. Raise ``RuntimeError`` if the template has ended."""
         request = json.dumps(wanted).encode()
         assert len(request) < _MAX_REQUEST
         with contextlib.suppress(BrokenPipeError):
@@ -90,17 +94,20 @@ class Template:
 
     def _hear(self) -> bytes:
         ready, _, _ = select.select([self._socket], [], [], READY_S)
-        said = self._socket.recv(64) if ready else b""
-        if not said:
+        reply = self._socket.recv(64) if ready else b""
+        if not reply:
             self.close()
             raise RuntimeError(f"the template of callers ended: {self._errors.read_text().strip()}")
-        return said
+        return reply
 
 
 def serve(sock: socket.socket) -> dict[str, Any]:
-    """Fork for each request; return in the child, with what it is to do. Ends when nobody can ask
-    any more, and the last child with it: one that spins, as it was told to, would never notice."""
-    signal.signal(signal.SIGCHLD, signal.SIG_IGN)  # the kernel collects them
+    """Fork for each request. Return in the child, with its settings.
+
+    The template ends when its parent has closed the socket. It kills the last child then, because a spinning
+    child would never notice that.
+    """
+    signal.signal(signal.SIGCHLD, signal.SIG_IGN)  # the kernel reaps the children
     sock.sendall(b"ready")
     last = -1
     while True:
@@ -126,8 +133,8 @@ def serve(sock: socket.socket) -> dict[str, Any]:
 
 
 def _descriptor_of(pid: int) -> int:
-    """By which a child can be killed, and nobody who has got its number since; -1: it is gone, or
-    the system has none (macOS)."""
+    """Return a pidfd, by which only this very child can be killed. -1 if it has ended, or where the system has
+    no pidfd (macOS)."""
     try:
         return os.pidfd_open(pid)
     except (AttributeError, ProcessLookupError):
@@ -142,7 +149,7 @@ def _end(last: int) -> NoReturn:
 
 
 def main(fd: int, robot: str, where: str) -> None:
-    from . import caller  # what takes long to import
+    from . import caller  # the slow import
     from .registering import prepare
 
     prepare(robot, where)

@@ -1,8 +1,7 @@
-"""Trials as they come, one JSON line each, in a file that a later run continues: an ended run loses
-nothing.
+"""Store trials as JSON lines in a file that a later run continues, so that an interrupted run loses nothing.
 
-A run begins with a line on what it measures: code, machine, Python. Only a run that would measure
-the same may continue the file.
+A run begins with a line on its subject: code, machine, Python. Only a run with the same subject may continue
+the file.
 """
 
 from __future__ import annotations
@@ -31,11 +30,11 @@ _MEASURED = (".py", ".toml")
 
 
 class Problem(Exception):
-    """A file of trials that cannot be continued, and why."""
+    """The file of trials cannot be continued. The text gives the cause."""
 
 
 class Trial(msgspec.Struct, frozen=True, tag="trial"):
-    """One outcome of one robot. ``at``: ISO 8601, UTC; ``load``: of the last minute."""
+    """One outcome of one robot. ``at`` is in UTC, ``load`` is the average of the last minute."""
 
     robot: str
     outcome: Outcome
@@ -48,7 +47,7 @@ class Trial(msgspec.Struct, frozen=True, tag="trial"):
 
 
 class Run(msgspec.Struct, frozen=True, tag="run"):
-    """What is measured, and with how many benches side by side."""
+    """The subject of a run, and the number of its benches."""
 
     subject: dict[str, str]
     jobs: int
@@ -56,13 +55,12 @@ class Run(msgspec.Struct, frozen=True, tag="run"):
 
 
 def cell_named(victim: str, fault: str) -> Cell | Pair:
-    """Raise ``ValueError``."""
+    """Return the cell or pair with these names. Raise ``ValueError``."""
     return Cell(victim_named(victim), Faults(fault)) if fault in list(Faults) else pair_named(victim, fault)
 
 
 class Done(msgspec.Struct, frozen=True, tag="done"):
-    """The end of an order to a bench. ``problem``: why there are fewer trials; empty: there are
-    not."""
+    """The end of an order. ``problem`` is the reason for missing trials, or empty."""
 
     problem: str = ""
 
@@ -75,12 +73,12 @@ def now() -> str:
 
 
 def trial(robot: str, outcome: Outcome) -> Trial:
-    """Now."""
+    """Return an outcome as a trial with the present time and load."""
     return Trial(robot, outcome, now(), round(os.getloadavg()[0], 2))
 
 
 def subject() -> dict[str, str]:
-    """What figures depend on, less the load."""
+    """Return the conditions on which figures depend, except the load."""
     return {
         "strands-actors": f"{__version__}, code {_digest_of_code()}",
         "machine": f"{_processor()}, {os.cpu_count()} cores, {platform.system()} {platform.release()}",
@@ -89,7 +87,8 @@ def subject() -> dict[str, str]:
 
 
 def _digest_of_code() -> str:
-    """Of kernel, supervisors and drivers, with their tables: twelve hexadecimal digits."""
+    """Return twelve hexadecimal digits that identify the code of kernel, supervisors and drivers, with their
+    tables."""
     digest = hashlib.sha256()
     for module in (runtime, supervisors, drivers):
         folder = Path(str(module.__file__)).parent
@@ -111,16 +110,16 @@ def _processor() -> str:
 
 
 def encode(line: Trial | Run | Done) -> bytes:
-    """JSON has no infinity: a safe frame that never came is told by its setpoints, -1."""
+    """Encode a line. JSON has no infinity, so a missing safe frame is encoded by -1 setpoints."""
     if isinstance(line, Trial) and math.isinf(line.outcome.safe_ms):
         line = _at(line, 0.0)
     return msgspec.json.encode(line) + b"\n"
 
 
 def decode(line: bytes) -> Trial | Run | Done:
-    """Raise ``msgspec.DecodeError``."""
-    found = _DECODER.decode(line)
-    return _at(found, math.inf) if isinstance(found, Trial) and found.outcome.setpoints_after < 0 else found
+    """Decode a line. Raise ``msgspec.DecodeError``."""
+    decoded = _DECODER.decode(line)
+    return _at(decoded, math.inf) if isinstance(decoded, Trial) and decoded.outcome.setpoints_after < 0 else decoded
 
 
 def _at(found: Trial, safe_ms: float) -> Trial:
@@ -128,10 +127,10 @@ def _at(found: Trial, safe_ms: float) -> Trial:
 
 
 class Trials:
-    """All trials of a matrix, in ``path`` if there is one."""
+    """All trials of a matrix, stored in a file if a path is given."""
 
     def __init__(self, path: Path | None, jobs: int) -> None:
-        """Read what the file has, and note that a run begins. Raise ``Problem``."""
+        """Read the file, and add a line for the new run. Raise ``Problem``."""
         self.runs: list[Run] = []
         self.all: list[Trial] = []
         self._path = path
@@ -156,13 +155,13 @@ class Trials:
     def _read(self, path: Path) -> None:
         for number, line in enumerate(_whole_lines(path), 1):
             try:
-                found = decode(line)
+                decoded = decode(line)
             except msgspec.DecodeError as error:
                 raise Problem(f"{path}, line {number}: {error}. Give another file") from None
-            if isinstance(found, Trial):
-                self.all.append(found)
-            elif isinstance(found, Run):
-                self.runs.append(found)
+            if isinstance(decoded, Trial):
+                self.all.append(decoded)
+            elif isinstance(decoded, Run):
+                self.runs.append(decoded)
 
     def _write(self, line: Trial | Run) -> None:
         if self._path is not None:
@@ -171,7 +170,7 @@ class Trials:
 
 
 def _whole_lines(path: Path) -> Iterator[bytes]:
-    """A run that was ended may have left half a line, which is taken away."""
+    """Return the whole lines of the file. Remove half a line that an interrupted run has left."""
     data = path.read_bytes()
     whole = data[: data.rfind(b"\n") + 1]
     if len(whole) < len(data):

@@ -1,10 +1,10 @@
-"""A robot's twin as a process that a test controls: its port, its wire log, its faults.
+"""Run a robot's twin as a process that a test controls: its port, its wire log, its faults.
 
     with Twin("so101", tmp_path) as twin:
         arm = Robot("so101", mode="real", port=twin.port)
         twin.fault("off:3")
 
-Control lines take effect when the twin has read them: wait for what they cause.
+Control lines take effect when the twin has read them, so a test must wait for their effect.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ from .registering import register, where_is
 from .wirelog import WireLog
 
 PATIENCE_S = 20.0
-"""For a busy machine; nothing here takes a second on a free one."""
+"""Seconds to wait on a busy machine. On an idle one nothing here takes a second."""
 
 _SERVE = "strands_actors.surfaces.cli.robots:serve_twin"
 _PROBLEM = "strands_actors.surfaces.cli.errors:Problem"
@@ -39,9 +39,20 @@ _BY_HAND = "strands_actors.drivers.sim.world:move_by_hand"
 
 
 class Twin:
-    """Runs as long as the ``with`` block. ``fault``: one it begins with, as on the command line.
-    ``driver``: its class, when that is no part of this package. ``options``: of its twin.
-    ``by_hand``: its joints can be moved by hand, too."""
+    """A twin that runs as long as the ``with`` block.
+
+    Args:
+        robot: The robot's name.
+        directory: For its port, log and errors.
+        fault: A fault from the start, in the words of ``strands-actors twin --fault``.
+        driver: The class of a driver that is no part of this package.
+        options: Options of the twin.
+        by_hand: True if the test moves joints by hand (``move_by_hand``).
+
+    Attributes:
+        port: The port to connect to.
+        log: The log of the wire.
+    """
 
     def __init__(
         self,
@@ -73,8 +84,9 @@ class Twin:
             "options": [f"{name}={value}" for name, value in self._options.items()],
             "driver": "" if self._driver is None else where_is(self._driver),
         }
-        self._port_file.unlink(missing_ok=True)  # of a twin before it, in the same directory
-        theirs, self._ours = os.pipe()  # ends with this process, however that ends
+        self._port_file.unlink(missing_ok=True)  # of an earlier twin in the same directory
+        # This pipe is closed at the end of this process, whatever ends it, and the twin ends with it.
+        theirs, self._ours = os.pipe()
         stdin, lines = os.pipe()
         self._lines = open(lines, "w")  # closed by _end
         with self._errors.open("w") as errors, open(theirs, "rb") as parent, open(stdin, "rb") as reads:
@@ -96,36 +108,39 @@ class Twin:
         self._end(signal.SIGTERM)
 
     def fault(self, text: str) -> None:
-        """``WORD`` or ``WORD:unit``, in the words of ``strands-actors twin --fault``."""
+        """Set a fault, as ``WORD`` or ``WORD:unit``, in the words of ``strands-actors twin --fault``. ``ok``
+        ends it."""
         self._command(f"fault {text}")
 
     def power_cycle(self) -> None:
         self._command("power-cycle")
 
     def unplug(self) -> None:
-        """Pull the cable; returns when it is out."""
+        """Pull the cable, and wait until it is out."""
         self._command("unplug")
         self._wait(lambda: not _is_there(self.port))
 
     def plug(self) -> None:
-        """Put the cable back; returns when the port is there."""
+        """Put the cable back, and wait until the port exists."""
         self._command("plug")
         self._wait(lambda: _is_there(self.port))
 
     def pause(self) -> None:
-        """Freeze the whole robot, until ``go_on``."""
+        """Freeze the whole robot until ``go_on``."""
         self.process.send_signal(signal.SIGSTOP)
 
     def go_on(self) -> None:
         self.process.send_signal(signal.SIGCONT)
 
     def move_by_hand(self, **radians: float) -> None:
-        """Bring joints that the wire does not hold to angles of its model, as a hand would; those
-        that were moved before stay. Returns when they are on their way."""
+        """Move joints that the wire does not hold to these angles of the model (radians), as a hand would.
+
+        Joints from earlier calls keep their angles. This returns when the joints have begun to move.
+        """
         self._hand = trio.run(load(_BY_HAND), str(self._control), {**self._hand, **radians})
 
     def order(self, line: str) -> None:
-        """A control line that only this robot has."""
+        """Send a control line that is specific to this robot."""
         self._command(line)
 
     def _command(self, line: str) -> None:
@@ -149,7 +164,7 @@ class Twin:
         return RuntimeError(f"the twin ended with code {self.process.returncode}: {self._errors.read_text()}")
 
     def _end(self, how: signal.Signals) -> None:
-        self.go_on()  # a frozen process takes no SIGTERM
+        self.go_on()  # a frozen process handles no SIGTERM
         self.process.send_signal(how)
         try:
             self.process.wait(PATIENCE_S)
@@ -158,13 +173,13 @@ class Twin:
             self.process.wait()
             raise
         finally:
-            with contextlib.suppress(BrokenPipeError):  # half a line that it never took
+            with contextlib.suppress(BrokenPipeError):  # part of a line that the twin did not read
                 self._lines.close()
             os.close(self._ours)
 
 
 def serve(driver: str, robot: str, **given: Any) -> None:
-    """In its process: what ``strands-actors twin`` does. ``driver``: see ``registering``."""
+    """Run ``strands-actors twin`` in its process. ``driver`` is ``module:Class``, or empty."""
     if driver:
         register(driver, robot)
     try:
@@ -175,20 +190,19 @@ def serve(driver: str, robot: str, **given: Any) -> None:
 
 
 def _is_there(port: str) -> bool:
-    """Whether somebody could connect: to a path, or to host:port (and what stands behind a ?), by
-    a stream or by datagrams."""
+    """Return True if a client could connect to a path, or to host:port (with options after a ?), by TCP or UDP."""
     host, colon, number = port.partition("?")[0].rpartition(":")
     if not colon:
         return os.path.exists(port)
     try:
         socket.create_connection((host, int(number)), PATIENCE_S).close()
-    except ConnectionError:  # a listener that is being closed resets
+    except ConnectionError:  # a listener that is closing resets the connection
         return _hears_datagrams(host, int(number))
     return True
 
 
 def _hears_datagrams(address: str, port: int) -> bool:
-    """Whether a UDP socket is bound there (proc(5), /proc/net/udp)."""
+    """Return True if a UDP socket is bound to this address (proc(5), /proc/net/udp)."""
     bound = f"{int.from_bytes(socket.inet_aton(address), sys.byteorder):08X}:{port:04X}"
     with open("/proc/net/udp") as table:
         return any(line.split()[1] == bound for line in table.readlines()[1:])

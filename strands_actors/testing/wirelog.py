@@ -1,5 +1,4 @@
-"""The twin's log of the wire: what a safety test reads, instead of the program's opinion of
-itself."""
+"""Read the twin's log of the wire. Safety tests check this log, not the statements of the program."""
 
 from __future__ import annotations
 
@@ -11,7 +10,7 @@ from typing import BinaryIO, NamedTuple
 import msgspec
 
 RUNS = 12
-"""Of a story."""
+"""The most runs in a story."""
 
 
 class Entry(NamedTuple):
@@ -19,21 +18,23 @@ class Entry(NamedTuple):
     sender: str  # "host" or "robot"
     kind: str  # setpoint, safe, enable, read, config or other
     data: bytes
-    safe_state: str | None = None  # of a safe frame: what it brings the whole robot to; "" none, None: not said
+    # Of a safe frame: the safe state of the whole robot. "" if it is only for some motors, None if unknown.
+    safe_state: str | None = None
 
 
 class Tail:
-    """Reads a log that grows: each entry once."""
+    """Reads a growing log. It yields each entry once."""
 
     def __init__(self, path: Path) -> None:
         self._path = path
         self._offset = 0
-        self._first = b""  # line; a log that was emptied and has grown since has another
+        # The first line. A log that was emptied and has grown since has another one.
+        self._first = b""
         self.emptied = False
-        """Whether the log was, since this began to read it."""
+        """True if the log was emptied after the first read."""
 
     def new(self) -> Iterator[Entry]:
-        """What was written since the last time. A log that was emptied begins anew."""
+        """Yield the entries since the last call. A log that was emptied is read from its start."""
         if not self._path.exists():
             return
         with self._path.open("rb") as log:
@@ -41,7 +42,7 @@ class Tail:
             log.seek(self._offset)
             for line in log:
                 if not line.endswith(b"\n"):
-                    return  # still being written
+                    return  # the line is not complete yet
                 self._first = self._first or line
                 self._offset += len(line)
                 yield _entry(line)
@@ -71,8 +72,8 @@ def _entry(line: bytes) -> Entry:
 
 
 class WireLog:
-    """Reads the NDJSON log of a twin that may still be writing it. Keeps what it has read: who waits
-    for a frame looks again and again."""
+    """Reads the NDJSON log of a twin that may still be writing it. Entries are kept, since a test that waits
+    for a frame reads often."""
 
     def __init__(self, path: str | Path) -> None:
         self.path = Path(path)
@@ -85,39 +86,43 @@ class WireLog:
             new = list(self._tail.new())
             if self._tail.emptied:
                 self._tail = self.tail()
-                self._read = []  # another: who still looks at what was before keeps that
+                # Make a new list, so that running iterators keep the old one.
+                self._read = []
                 new = list(self._tail.new())
             self._read += new
             read = self._read
         return (entry for entry in read if entry.t_ns >= since_ns)
 
     def tail(self) -> Tail:
-        """From its beginning, and then what is new."""
+        """Return a reader from the beginning of the log on."""
         return Tail(self.path)
 
     def story(self, since_ns: int) -> str:
-        """What the wire shows from then on, for people: each kind with its first time in ms, runs
-        of one kind as one, the last ``RUNS`` of them. What a robot answers is left out."""
+        """Describe the wire from a time on, for people.
+
+        Frames of the same kind in a row are one run, with the time of the first one in ms. The last ``RUNS``
+        runs are returned. Readings and answers of the robot are left out.
+        """
         runs: list[tuple[str, float, int]] = []
         for entry in self.entries(since_ns):
             if entry.sender == "robot" and entry.kind in ("read", "answer"):
                 continue
-            what = f"{entry.sender} {entry.kind}" + (f" ({entry.safe_state})" if entry.safe_state else "")
-            if runs and runs[-1][0] == what:
-                runs[-1] = what, runs[-1][1], runs[-1][2] + 1
+            label = f"{entry.sender} {entry.kind}" + (f" ({entry.safe_state})" if entry.safe_state else "")
+            if runs and runs[-1][0] == label:
+                runs[-1] = label, runs[-1][1], runs[-1][2] + 1
             else:
-                runs.append((what, (entry.t_ns - since_ns) / 1e6, 1))
-        return ", ".join(f"{at_ms:.1f} {what} x {count}" for what, at_ms, count in runs[-RUNS:]) or "nothing"
+                runs.append((label, (entry.t_ns - since_ns) / 1e6, 1))
+        return ", ".join(f"{at_ms:.1f} {label} x {count}" for label, at_ms, count in runs[-RUNS:]) or "nothing"
 
     def host(self, kind: str, since_ns: int = 0) -> list[Entry]:
-        """What the host wrote of one kind."""
+        """Return the frames of one kind that the host wrote."""
         return [entry for entry in self.entries(since_ns) if entry.sender == "host" and entry.kind == kind]
 
     def first_safe(self, since_ns: int) -> Entry | None:
         return next(iter(self.host("safe", since_ns)), None)
 
     def safe_within(self, since_ns: int, bound_s: float) -> float:
-        """Seconds from ``since_ns`` to the first safe frame. Raise ``AssertionError`` beyond the
+        """Return the seconds from ``since_ns`` to the first safe frame. Raise ``AssertionError`` beyond the
         bound."""
         safe = self.first_safe(since_ns)
         assert safe is not None, "no safe frame on the wire"
@@ -126,8 +131,10 @@ class WireLog:
         return took_s
 
     def setpoints_after_safe(self, since_ns: int, until_ns: int | None = None) -> int:
-        """Setpoints behind the first safe frame after ``since_ns``, in the order of the wire:
-        frames that were read at once share their time."""
+        """Count the setpoints after the first safe frame after ``since_ns``.
+
+        The order of the wire counts, since frames that were read together have the same time.
+        """
         seen_safe, count = False, 0
         for entry in self.entries(since_ns):
             if entry.sender != "host" or (until_ns is not None and entry.t_ns >= until_ns):
@@ -138,14 +145,13 @@ class WireLog:
         return count
 
     def no_setpoint_after_safe(self, since_ns: int, until_ns: int | None = None) -> None:
-        """Raise ``AssertionError`` when a setpoint follows the first safe frame, or there is
-        none."""
+        """Raise ``AssertionError`` if a setpoint follows the first safe frame, or if there is no safe frame."""
         count = self.setpoints_after_safe(since_ns, until_ns)
         assert count == 0, f"{count} setpoints after the safe frame"
 
     def silent_after(self, t_ns: int, *kinds: str) -> None:
-        """Raise ``AssertionError`` when the host wrote anything from then on; of these kinds, if
-        any are given."""
+        """Raise ``AssertionError`` if the host wrote a frame from this time on. With ``kinds``, only frames of
+        these kinds count."""
         for entry in self.entries(t_ns):
             if entry.sender == "host" and (not kinds or entry.kind in kinds):
                 late_ms = (entry.t_ns - t_ns) / 1e6

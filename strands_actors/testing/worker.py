@@ -1,7 +1,7 @@
-"""One bench of a matrix, as a process: ``python -m strands_actors.testing.worker``.
+"""Run one bench of a matrix as a process: ``python -m strands_actors.testing.worker``.
 
-Reads orders on standard input, one JSON line each (``Order``), and writes one for each trial, then
-``Done``. It keeps the bench while orders are for the same robot. The end of its input is its end.
+It reads orders on standard input, one JSON line each (``Order``). It writes one line for each trial, then
+``Done``. It keeps the bench while orders are for the same robot, and ends with its input.
 """
 
 from __future__ import annotations
@@ -22,8 +22,8 @@ from .trials import Done, Trial, cell_named, encode, trial
 
 
 class Order(msgspec.Struct, frozen=True):
-    """``trials`` of one cell. ``driver``: ``module:Class`` of a robot that this package does not
-    know, or empty."""
+    """An order for some trials of one cell. ``driver`` is ``module:Class`` of a robot that is no part of this
+    package, or empty."""
 
     robot: str
     driver: str
@@ -63,7 +63,7 @@ class Worker:
 
 
 def main() -> None:
-    # a shell's background job ignores it, and so its children
+    # A background job of a shell ignores this signal, and its children would inherit that.
     signal.signal(signal.SIGINT, signal.default_int_handler)
     worker = Worker()
     with contextlib.closing(worker), contextlib.suppress(KeyboardInterrupt, BrokenPipeError):

@@ -1,14 +1,21 @@
 """The failsafe machine: states, events, epoch and actions as data. No I/O, no clock.
 
-This table *is* the machine: the gate steps it, the property tests drive it, the docs show it. An event
-with no row in a mode changes nothing there. ``raises`` says whether the epoch rises: what was prepared in
-an older epoch is refused at the wire.
+The gate steps this table, the property tests drive it, and the docs show it.
 
-A late or lost writer (``HOLDING_REASONS``) is a HOLD when the driver's safe state for it keeps the
-motors energised. Everything else is a STOP, whatever its safe state: a gripper that keeps its grip
-is disarmed all the same, and only a resume lets it move again. An e-stop is a stop that also locks.
+Theory. The machine has one question to answer: may a setpoint move the robot now?
 
-A tree that ends (``ENDING_REASONS``) stops for good: ENDING and ENDED have no row for a resume.
+* A setpoint is accepted only in ``WRITABLE`` modes. Every way into them starts with an ``ARM``, and an arming
+  needs a ``RESUME``.
+* An event without a row in a mode changes nothing there.
+* ``raises`` means that the epoch rises. The wire refuses setpoints that were prepared in an older epoch. So
+  every stop, hold, loss of the link and arming raises it.
+* A late or lost writer (``HOLDING_REASONS``) is a HOLD if the driver's safe state for it keeps the motors
+  energised. The next setpoint ends a hold.
+* Everything else is a STOP, with any safe state. A gripper that keeps its grip is disarmed all the same, and
+  only a resume lets it move again. An e-stop is a stop that also locks.
+* A link that is lost while something may be energised leads to LOST. When the link is back, the safe state
+  comes first.
+* A tree that ends (``ENDING_REASONS``) stops for good: ENDING and ENDED have no row for a resume.
 """
 
 from __future__ import annotations
@@ -21,11 +28,11 @@ import msgspec
 from strands_actors.contract.driver import Reason
 
 ENDING_REASONS = frozenset({Reason.CALLER, Reason.CLEANUP, Reason.ROOT})
-"""Reasons after which the processes of the tree end: nobody is obeyed any more."""
+"""Reasons after which the processes of the tree end and accept no orders any more."""
 
 
 class Mode(enum.StrEnum):
-    DOWN = "down"  # no link; nothing of ours is energised
+    DOWN = "down"  # no link; nothing is energised by this tree
     LOST = "lost"  # no link; it was lost while energised, or before the safe state was confirmed
     DISARMED = "disarmed"  # link up, on the safe state of a stop, waiting for a resume
     ARMING = "arming"  # being energised at the measured position
@@ -34,8 +41,8 @@ class Mode(enum.StrEnum):
     STOPPING = "stopping"  # safe frames are out, not yet confirmed
     UNCONFIRMED = "unconfirmed"  # a motor did not confirm the safe state
     FAILED = "failed"  # the restart budget is spent; only a new tree helps
-    ENDING = "ending"  # the tree ends: safe frames are out, not yet confirmed; nothing is obeyed but a stop
-    ENDED = "ended"  # the tree ends: the safe state is confirmed, or nothing of ours was energised
+    ENDING = "ending"  # the tree ends: safe frames are out, not yet confirmed; only a stop is accepted
+    ENDED = "ended"  # the tree ends: the safe state is confirmed, or this tree had energised nothing
 
 
 class Event(enum.StrEnum):
@@ -47,7 +54,7 @@ class Event(enum.StrEnum):
     SETPOINT = "setpoint accepted"
     HOLD = "hold"  # a late or lost writer, on a safe state that keeps the motors energised
     STOP = "stop"  # any other reason, and any safe state that does not
-    END = "end"  # the tree ends: its caller or its root is gone, or it is cleaned up
+    END = "end"  # the caller or the root has ended, or the tree is cleaned up
     SAFE_CONFIRMED = "safe confirmed"
     SAFE_UNCONFIRMED = "safe unconfirmed"
     GIVE_UP = "give up"
@@ -76,10 +83,11 @@ TRANSITIONS: dict[tuple[Mode, Event], Row] = {
     (Mode.DOWN, Event.STOP): Row(Mode.DOWN, True, Action.MAKE_SAFE),
     (Mode.DOWN, Event.END): _ENDED,
     (Mode.DOWN, Event.GIVE_UP): _FAILED,
-    # What was energised when the link went is still energised when it comes back: safe first.
+    # A motor that was energised when the link was lost is still energised when it is back. So the safe state
+    # comes first.
     (Mode.LOST, Event.LINK_UP): _STOP,
     (Mode.LOST, Event.STOP): Row(Mode.LOST, True, Action.MAKE_SAFE),
-    # Nobody knows what the robot does: a hold is tried, too, on whatever can still be written.
+    # The state of the robot is unknown. A hold is tried, too, on every connection that can still be written.
     (Mode.LOST, Event.HOLD): Row(Mode.LOST, True, Action.MAKE_SAFE),
     (Mode.LOST, Event.END): _END,
     (Mode.LOST, Event.GIVE_UP): _FAILED,
@@ -123,21 +131,21 @@ TRANSITIONS: dict[tuple[Mode, Event], Row] = {
     (Mode.ENDING, Event.LINK_UP): _END,
     (Mode.ENDING, Event.STOP): _END,
     (Mode.ENDING, Event.END): _END,
-    # What is confirmed stays so, since nothing can be energised any more: an END finds nothing to
-    # do.
+    # A confirmed safe state stays confirmed, since nothing can be energised any more. So an END has no row
+    # here.
     (Mode.ENDED, Event.LINK_UP): _ENDED,
     (Mode.ENDED, Event.STOP): _END,
 }
 
 WRITABLE = frozenset({Mode.ARMED, Mode.HOLDING})
 SAFE = frozenset({Mode.DOWN, Mode.DISARMED, Mode.ENDED})
-"""In which nothing of ours is energised. Only in these a stop is confirmed without a report."""
+"""Modes in which nothing is energised by this tree. Only in these a stop is confirmed without a report."""
 OVER = frozenset({Mode.ENDING, Mode.ENDED})
 LINKED = frozenset(Mode) - {Mode.DOWN, Mode.LOST, Mode.FAILED} - OVER
 
 
 class State(msgspec.Struct, frozen=True):
-    """``locked_by`` names who pressed e-stop; it outlives every transition but a resume."""
+    """The state of the machine. ``locked_by`` is the operator of an e-stop. Only a resume clears it."""
 
     mode: Mode = Mode.DOWN
     epoch: int = 1
@@ -145,8 +153,13 @@ class State(msgspec.Struct, frozen=True):
 
 
 def step(state: State, event: Event, locked_by: str = "") -> tuple[State, Action]:
-    """Return the next state and what to do. ``locked_by`` (with ``STOP``) makes the stop an
-    e-stop."""
+    """Return the next state and the action.
+
+    Args:
+        state: The present state.
+        event: The event.
+        locked_by: With ``STOP``: the operator, which makes the stop an e-stop.
+    """
     row = TRANSITIONS.get((state.mode, event))
     lock = locked_by or state.locked_by
     if row is None:

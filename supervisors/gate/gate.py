@@ -497,7 +497,8 @@ class Gate(Actor):
             event = Event.HOLD
         else:
             event = Event.STOP
-        if event is Event.HOLD and self._state.mode is Mode.LOST:  # at least what the lost link has ordered
+        # The state is at least as severe as the one that the lost link has ordered.
+        if event is Event.HOLD and self._state.mode is Mode.LOST:
             safe_state = SafeState(safe_state).or_more(self._driver.fallbacks[Reason.LINK])
         return self._step(event, safe_state, reason, cause, lock, rank, lapse)
 

@@ -16,7 +16,7 @@ def held_target(
         driver: The driver of the robot.
         report: The report of the hold.
         before: The target before the hold, for an axis that could not be held and still follows it.
-        measured: The newest position, for an axis whose hold reported no position of its own.
+        measured: The newest position, for an axis without a position in the report of its hold.
     """
     aimed = list(measured)
     motors = {motor.axis: motor for motor in report.motors}
@@ -30,5 +30,5 @@ def held_target(
 
 
 def _rests(driver: Driver, at: int) -> bool:
-    """Return True for a velocity axis, whose first target is zero at any position."""
+    """Return True for a velocity axis. Its first target is zero at any position."""
     return bool(driver.table) and driver.table[at].mode is AxisMode.VELOCITY

@@ -34,14 +34,14 @@ MOVE, OBSERVE, ACQUIRE, RESUME = "move", "observe", "acquire", "resume"
 
 
 class Acquire(Message, frozen=True):
-    """Ask for a lease.
+    """Request a lease.
 
     Attributes:
         holder: Name of the writer, for people. It proves nothing.
         over: The caller's lease under which a policy process will write; 0 for a script.
         pid: The process that will write; 0 if it is on another host.
         channel: See above.
-        again: The sender's present lease, which the new one replaces; 0 if it has none.
+        again: The sender's present lease, which the new one replaces; 0 without one.
         instruction: The task of a rollout, for people.
     """
 
@@ -188,7 +188,7 @@ class Resume(Message, frozen=True):
     """Energise the robot at its measured position. It starts no motion.
 
     Attributes:
-        by: Who asks, for the audit.
+        by: The sender, for the audit.
         lift: Lift a lockout, too.
         asked_ns: When the request was made; 0 for now. It is refused if a stop came since.
     """
@@ -261,8 +261,8 @@ class Status(Message, frozen=True):
 
 
 BROUGHT = 0
-"""In place of a probe's number: the gate checked its deadlines because of a setpoint. In a stream as
-fast as the watchdog's ticks each setpoint does what a probe would."""
+"""In place of a probe's number: the gate checked its deadlines because of a setpoint. In a stream as fast as
+the watchdog's ticks, each setpoint has the effect of a probe."""
 
 
 # -- from its own process
@@ -345,8 +345,8 @@ class StoppedAt(Message, frozen=True):
 
 
 class StandbyIs(Message, frozen=True):
-    """Whether the standby and the root's stop channel are ready. ``problem`` says which is not, and
-    why; it is empty if both are."""
+    """The state of the standby and the root's stop channel. ``problem`` names the one that is not ready, and
+    the reason. It is empty if both are ready."""
 
     lane = "urgent"
 

@@ -1,10 +1,10 @@
-"""Who told the robot what, when, and how that was decided: one line of JSON each, in a file that
-outlives the tree.
+"""The audit: which sender ordered what, when, and the decision, as one JSON line each in a file that outlives
+the tree.
 
-A command is written down once: those that begin or end something (a lease, a resume, a stop, a
-task), every refusal from the mesh, and of the setpoints of a lease the first, and each change
-between accepted and refused. It belongs to the root, which never waits for a disk: lines that come
-faster than ``LINES_PER_S``, or that the disk does not take, are counted, and the count is written.
+The file has the commands that begin or end something (a lease, a resume, a stop, a task), every refusal from
+the mesh, and of the setpoints of a lease the first one and each change between accepted and refused. The root
+writes it, and never waits for a disk. Lines that come faster than ``LINES_PER_S``, or that the disk does not
+take, are counted, and the count is written.
 """
 
 from __future__ import annotations
@@ -23,22 +23,29 @@ from strands_actors.kernel.health.realtime import run_like_others
 from strands_actors.supervisors.mesh.command_rules import Limit
 
 MAX_BYTES = 1 << 20
-"""Of one file; then it is put aside."""
+"""The most bytes of a file. Then it is renamed."""
 KEPT = 4
-"""Files that were put aside: ``.1`` is the newest."""
+"""The number of renamed files that are kept. ``.1`` is the newest."""
 LINES_PER_S = 50
 BURST = 200
 _WAITING = 500
 _TEXT = 200
-"""Characters of what others say: no line is longer than a kilobyte or so."""
+"""The most characters of a received text. So a line has about a kilobyte at most."""
 AGAIN_S = 1.0
-"""After a disk has refused a line."""
+"""Pause (s) after the disk has refused a line."""
 
 
 class Line(msgspec.Struct, frozen=True, omit_defaults=True):
-    """``time``: of the wall's clock, for who reads it. ``who`` is what they say of themselves;
-    ``over`` is known: the mesh, a policy process, or the tree's own ways. ``left_out``: lines
-    before this one that are not here."""
+    """One line of the audit.
+
+    Attributes:
+        time: Wall-clock time, UTC.
+        who: The sender, as named by itself.
+        what: The order.
+        how: The decision.
+        over: The way of the order, which is certain: the mesh, a policy process, or the tree's own ways.
+        left_out: Lines before this one that are missing.
+    """
 
     time: str
     who: str
@@ -49,8 +56,11 @@ class Line(msgspec.Struct, frozen=True, omit_defaults=True):
 
 
 class Audit:
-    """``problem``: why the last line could not be written; empty: it was. Without a path nothing is
-    kept."""
+    """The audit of one robot. Without a path nothing is kept.
+
+    Attributes:
+        problem: Why the last line could not be written. Empty if it was.
+    """
 
     def __init__(self, path: Path | None) -> None:
         self._path = path
@@ -58,11 +68,11 @@ class Audit:
         self._left_out = 0
         self._limit = Limit(LINES_PER_S, BURST)
         self._news = trio.Event()
-        self._writing = trio.Lock()  # the end of the tree writes what waits, too
+        self._writing = trio.Lock()  # the end of the tree writes the waiting lines, too
         self.problem = ""
 
     def note(self, who: str, what: str, how: str, over: str = "") -> None:
-        """Any number of times: what is too much is counted."""
+        """Add a line. Lines above the limits are counted and dropped."""
         if self._path is None:
             return
         if not self._limit.admits(time.monotonic_ns()) or len(self._lines) >= _WAITING:
@@ -75,7 +85,7 @@ class Audit:
         self._news.set()
 
     async def run(self) -> None:
-        """For ever."""
+        """Write the lines until cancelled."""
         while True:
             await self._news.wait()
             await self.settle()
@@ -83,7 +93,7 @@ class Audit:
                 await trio.sleep(AGAIN_S)
 
     async def settle(self) -> None:
-        """Write what waits, unless the disk does not take it."""
+        """Write the waiting lines, unless the disk refuses them."""
         async with self._writing:
             self._news = trio.Event()
             lines = list(self._lines)
@@ -91,7 +101,7 @@ class Audit:
                 return
             try:
                 await trio.to_thread.run_sync(_write, self._path, lines)
-            except (OSError, RuntimeError) as error:  # the disk, or no thread can be started
+            except (OSError, RuntimeError) as error:  # an error of the disk, or no thread can be started
                 self.problem = str(error)
                 self._news.set()
                 return

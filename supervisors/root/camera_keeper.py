@@ -1,8 +1,7 @@
-"""The root keeps a process for each camera: starts it, sees it end or freeze, starts it again, later.
+"""Keep a process for each camera: start it, notice when it ends or freezes, and start it again later.
 
-Nothing of the robot waits for a camera, and a camera that cannot be kept is told, not the robot's
-end. Pictures do not pass through here: they lie in a file in memory (``frame_ring``), of which the
-root reads one page.
+The robot never waits for a camera, and never ends with one. A camera that does not run is reported. Pictures do
+not pass through the root. They lie in a file in memory (``frame_ring``), of which the root reads one page.
 """
 
 from __future__ import annotations
@@ -27,22 +26,22 @@ from strands_actors.supervisors import permissions as channels
 LOOK_S = 0.5
 LINK_LOOK_S = 0.02
 FIRST_S = 5.0
-"""After which cameras start beside a robot that is not there yet."""
+"""Seconds after which cameras start, even if the robot is not connected yet."""
 SILENT_S = 5.0
-"""A process that has not beaten for so long is ended: it is frozen, or was. It computes after
-everything else, so that on a busy machine a second is nothing."""
+"""Seconds without a heartbeat after which a camera process is ended, because it is or was frozen. It runs after
+all other processes, so a second of silence is usual on a busy machine."""
 PAUSES_S = (0.5, 1.0, 2.0, 4.0, 8.0)
-"""Before it is started again, the first time, the second, ...; the last one from then on."""
+"""Pauses before the restarts. The last one is repeated."""
 DOWN = "down"
-"""What is told of a camera without a process."""
+"""The state of a camera without a process."""
 SETTLED_S = 10.0
-"""One that ran for so long begins anew with the first pause."""
+"""Seconds of running after which the pauses begin again with the first."""
 
 Start = Callable[[str, Mapping[str, Any]], Awaitable[ChildProcess]]
 
 
 class Kept(NamedTuple):
-    """One camera, as the caller wants it. ``args``: of its process's ``entry``."""
+    """One camera as configured by the caller. ``args`` are those of its process's ``entry``."""
 
     name: str
     ring: str
@@ -51,7 +50,12 @@ class Kept(NamedTuple):
 
 
 class CameraKeeper:
-    """``starts`` and ``processes``: by camera, for who describes the tree."""
+    """Keeps the processes of all cameras of one robot.
+
+    Attributes:
+        starts: The number of starts of each camera, for descriptions of the tree.
+        processes: The running process of each camera.
+    """
 
     def __init__(
         self,
@@ -61,7 +65,16 @@ class CameraKeeper:
         start: Start,
         linked: Callable[[], bool],
     ) -> None:
-        """``linked``: whether the robot is there, whose start cameras are not to slow down."""
+        """Prepare the cameras.
+
+        Args:
+            node: The root's node.
+            robot: The robot's name.
+            cameras: The fields of ``Kept`` for each camera.
+            start: Starts a process.
+            linked: Returns True if the robot is connected. Cameras wait for that, so that they do not slow it
+                down.
+        """
         self._linked = linked
         self._node = node
         self._robot = robot
@@ -74,18 +87,18 @@ class CameraKeeper:
 
     @property
     def rings(self) -> Mapping[str, FrameRing]:
-        """By camera: those that could be opened."""
+        """The rings that could be opened, by camera."""
         return self._rings
 
     async def run(self) -> None:
-        """Until cancelled. Raise nothing: a robot does not end with its cameras."""
+        """Keep the processes until cancelled. This never raises, since a robot must not end with its cameras."""
         for camera in self._cameras:
             try:
                 self._rings[camera.name] = FrameRing(camera.ring, writes=True, front=True)
             except (NoRing, OSError) as failure:
                 report_failure(f"camera {camera.name}", failure)
         with trio.move_on_after(FIRST_S if self._rings else 0.0):
-            while not self._linked():  # noqa: ASYNC110  # nothing tells
+            while not self._linked():  # noqa: ASYNC110  # there is no event to wait for
                 await trio.sleep(LINK_LOOK_S)
         async with trio.open_nursery() as nursery:
             for camera in self._cameras:
@@ -93,7 +106,7 @@ class CameraKeeper:
                     nursery.start_soon(self._keep, camera, self._rings[camera.name])
 
     def end(self) -> None:
-        """Kill every one, and remove what they have left."""
+        """Kill all camera processes, and remove their files."""
         self._ended = True
         for process in self.processes.values():
             process.kill()
@@ -113,7 +126,7 @@ class CameraKeeper:
             failures += 1
 
     async def _until_ended(self, camera: Kept, ring: FrameRing) -> str:
-        """One life of its process. Why it is over."""
+        """Start the process of a camera, wait for its end, and return the reason."""
         try:
             process = await self._start(camera.entry, camera.args)
         except OSError as error:
@@ -132,7 +145,8 @@ class CameraKeeper:
                 code = await process.wait()
                 nursery.cancel_scope.cancel()
             why = f"its process was silent for {SILENT_S:g} s and was ended" if silent.is_set() else _how(code)
-        except Exception as failure:  # of the link: what a camera says is not to end its root
+        # A failure of the link: the messages of a camera must not end the root.
+        except Exception as failure:
             report_failure(f"the link to camera {camera.name}", failure)
             why = f"its link failed: {describe(failure)}"
             await process.fence()
@@ -141,8 +155,8 @@ class CameraKeeper:
         return why
 
     async def _watch(self, process: ChildProcess, ring: FrameRing, silent: trio.Event) -> None:
-        """End it when it is silent. Its successor may only write once it cannot any more."""
-        while self._node.clock.now_ns() - ring.beaten_ns <= SILENT_S * NS:  # noqa: ASYNC110  # nothing tells
+        """Kill a silent process. Its successor may only write after its end."""
+        while self._node.clock.now_ns() - ring.beaten_ns <= SILENT_S * NS:  # noqa: ASYNC110  # there is no event to wait for
             await trio.sleep(LOOK_S)
         silent.set()
         process.kill()
@@ -155,10 +169,10 @@ def _how(code: int) -> str:
 
 
 def _tell(ring: FrameRing, why: str) -> None:
-    """In the place of a process that has ended, whose last word goes along."""
+    """Write the state of a camera without a process, with the last reason that the process wrote itself."""
     try:
-        told = msgspec.msgpack.decode(ring.told)
-        before = "" if told["state"] == DOWN else told["why"]
+        last = msgspec.msgpack.decode(ring.told)
+        before = "" if last["state"] == DOWN else last["why"]
     except (msgspec.MsgspecError, TypeError, KeyError):
         before = ""
     ring.tell(msgspec.msgpack.encode({"state": DOWN, "why": f"{before}. {why}" if before else why}))

@@ -1,8 +1,8 @@
 """Keep the stop channels of root and standby ready.
 
-A wire hands over the descriptors for both when it opens. Its link counts as up only when both channels
-are ready. The root's channel is closed before the next wire opens the port, since an open port is
-locked. When one of the channels is no longer ready, the gate is told, and arms nothing until it is.
+A wire hands over the descriptors for both when it opens. Its link counts as up only when both channels are
+ready. The root's channel is closed before the next wire opens the port, since an open port is locked. When one
+of the channels is no longer ready, the gate gets a message, and arms nothing until it is.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ class ChannelKeeper:
         broken: Called with the reason when the root's channel is lost.
 
     Attributes:
-        own: The root's channel; None while there is none.
+        own: The root's channel; None while it has no channel.
     """
 
     def __init__(self, driver: Driver, standby: GuardedStandby | None, broken: Callable[[str], None]) -> None:
@@ -57,7 +57,7 @@ class ChannelKeeper:
 
         Args:
             context: The context of the guardian.
-            gate: The gate, which is told whether both channels are ready.
+            gate: The gate, which gets messages on whether both channels are ready.
             transport: The transport, which is asked to hand over again.
         """
         self._context = context
@@ -178,7 +178,7 @@ class ChannelKeeper:
 
 
 def _duplicates(descriptors: Sequence[int]) -> tuple[int, ...]:
-    """Return duplicates of all descriptors. Raise ``OSError``; then none stays open."""
+    """Return duplicates of all descriptors. If ``OSError`` is raised, all of them are closed again."""
     made: list[int] = []
     try:
         for fd in descriptors:

@@ -1,4 +1,4 @@
-"""What the guardian needs of those it guards: the wire group, and the standby, wherever they live."""
+"""The interfaces of the guardian to the wire group and the standby, independent of where these run."""
 
 from __future__ import annotations
 
@@ -10,50 +10,56 @@ from strands_actors.kernel.messages import Refused
 
 
 class GuardedWire(Protocol):
-    """Where the wire group lives: a process of its own, or this one (tests)."""
+    """The wire group, in a separate process or in this one (tests)."""
 
     @property
     def alive(self) -> bool:
-        """Return whether it can still write."""
+        """True while it can still write."""
         ...
 
     @property
     def left_safe(self) -> bool:
-        """Return whether it has ended by itself, after it had read back every motor and obeyed
-        nobody since. Not by its own word in a message: a message can be forged."""
+        """True if it has ended by itself, after it had read back every motor, and has accepted no order since.
+
+        The exit code shows this. A message does not count, since it can be forged.
+        """
         ...
 
     async def ended(self) -> str:
-        """Return when it has ended by itself, with the reason."""
+        """Wait until it has ended by itself, and return the reason."""
         ...
 
     def dying(self) -> bool:
-        """Return whether it has been killed, or ends: it runs no code of its own any more. The system takes
-        its memory before it tells of its end, which lasts 5 to 20 ms."""
+        """Return True if it was killed or is exiting, so that it runs no more of its code.
+
+        The system frees its memory before it reports its end, which takes 5 to 20 ms.
+        """
         ...
 
     async def fence(self) -> bool:
-        """Return when it can never write again, and what it said before has been heard; whether its
-        end was seen. After a second in which it was not it runs no code of its own, but a system
-        call of its may not be over."""
+        """Make sure that it can never write again. Return True if its end was seen.
+
+        Its earlier messages have been handled by then. If its end was not seen within a second, it runs no more
+        of its code, but one of its system calls may still run.
+        """
         ...
 
     def let_go(self) -> None:
-        """Close its link: it makes safe what is not, and ends."""
+        """Close its link. It then stops the robot if necessary, and exits."""
         ...
 
     def standing(self) -> Standing | None:
-        """Return how its process stands with the processor; None where nobody can tell."""
+        """Return its use of the processor, or None where the system does not report it."""
         ...
 
 
 class GuardedStandby(Protocol):
-    """Who keeps the standby: a third process, which makes safe when root and wire are gone."""
+    """The keeper of the standby: a third process, which stops the robot when root and wire are gone."""
 
     async def guard(self, descriptors: Sequence[int]) -> Refused | None:
-        """Give it a way to the hardware; None when it could use that at once."""
+        """Give the standby a stop channel. Return None when that is ready, else a refusal."""
         ...
 
     async def let_go(self) -> None:
-        """Return when it has closed that, or is gone."""
+        """Wait until the standby has closed its stop channel, or has ended."""
         ...

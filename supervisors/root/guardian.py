@@ -80,15 +80,15 @@ class Guardian(Actor):
         heartbeat: The heartbeats of root and wire, on a shared page.
         start_wire: Start a wire from a failsafe state, with the cause of that state.
         on_state: Called at each change of the failsafe state.
-        gate: Address of the gate. It is told when a writer was stopped (SIGSTOP), and when the lock
-            of an e-stop is on the disk.
+        gate: Address of the gate. It gets a message when a writer was stopped (SIGSTOP), and when the lock of
+            an e-stop is on the disk.
         writers: Return the process ids that may write setpoints.
         keeper: Writes the locks of e-stops; None in tests with one process.
         on_report: Called with the result of each stop that the guardian makes.
         on_dying: Called with a writer that was killed and has not exited yet.
         standby: The standby; None in tests with one process.
         transport: Address of the transport.
-        owed: The shared page on which the standby reads what may be energised.
+        owed: The shared page that tells the standby if anything may be energised.
         on_decided: Called with each decision of the gate, for the audit.
         on_failed: Called after each unconfirmed attempt.
     """
@@ -332,18 +332,23 @@ class Guardian(Actor):
     # -- the end of the tree
 
     def leave(self) -> None:
-        """The tree ends: no new wire. One that is not confirmed safe is made so for as long as
-        ``LINGER_S``."""
+        """Begin the end of the tree: start no new wire. A robot that is not confirmed safe is stopped again for
+        up to ``LINGER_S``."""
         self._leaving = True
         self._again.set()
 
     async def end(self, reason: Reason, by: str, confirmed: bool) -> None:
-        """End the wire, after ``leave``, and return when the robot has been made safe once
-        (``reported``), or was. ``confirmed``: the gate's own stop was. Then the wire ends by
-        itself, and its exit code says whether that still holds; else it is fenced."""
+        """End the wire, after ``leave``, and return when the robot was stopped once (``reported``).
+
+        Args:
+            reason: The reason for the end.
+            by: The cause, for people.
+            confirmed: True if the gate's own stop was confirmed. Then the wire ends by itself, and its exit
+                code shows whether that is still true. Otherwise it is fenced.
+        """
         guarded = self._guarded
         if guarded is None and self.idle.is_set() and not self._confirmed and not self._is_last:
-            # The next wire could not be started: there will be none.
+            # The next wire could not be started, and no other will be.
             self.idle, self.reported = trio.Event(), trio.Event()
             self.context.start_soon(self.insist)
         if guarded is not None and confirmed:
@@ -356,25 +361,29 @@ class Guardian(Actor):
 
     @property
     def confirmed(self) -> bool:
-        """Return whether nothing of ours is energised any more, as far as is known."""
+        """True if nothing is energised by this tree any more, as far as is known."""
         return self._confirmed
 
     @property
     def at_work(self) -> bool:
-        """Return whether something was ordered that nobody has done yet."""
+        """True while an order is waiting or being carried out."""
         return bool(self._waiting) or self._alone.locked()
 
     # -- one life of the wire group after the other
 
     async def keep(self, task_status: trio.TaskStatus[None] = trio.TASK_STATUS_IGNORED) -> None:
-        """The supervisor's child: one life of the wire group, and another whenever its process is
-        spent. Always raises ``WireBroken`` or ``Cancelled``."""
+        """Run a wire, as a child of the supervisor, and another one whenever its process is spent.
+
+        Raises:
+            WireBroken: The wire has ended.
+        """
         while True:
             while self.at_work:
                 async with self._alone:
                     if self._waiting:
                         await self._make_safe(self.state.epoch)
-            if self._leaving:  # looked at last: no wire is started when nobody ends it any more
+            # Checked last: no wire may start after ``end``, which would end it.
+            if self._leaving:
                 task_status.started()
                 await trio.sleep_forever()
             await self._live(task_status)
@@ -384,7 +393,7 @@ class Guardian(Actor):
             await trio.sleep(RENEW_PAUSE_S)
 
     async def insist(self) -> None:
-        """There will be no other wire: make safe until it is confirmed, or the tree ends."""
+        """Stop the robot until it is confirmed, or the tree ends. No other wire will be started."""
         self.idle = trio.Event()
         self._is_last = True
         async with self._alone:
@@ -405,7 +414,8 @@ class Guardian(Actor):
         start = State(Mode.DOWN if self._confirmed else Mode.LOST, self.state.epoch + 1, locked_by)
         try:
             guarded = self._guarded = self._start_wire(start, self.state.cause)
-        except BaseException:  # no process, no descriptor: nobody is to wait for the end of this life
+        # There is no process or no descriptor. No task may wait for the end of this wire.
+        except BaseException:
             self.idle.set()
             self.reported.set()
             raise
@@ -445,25 +455,29 @@ class Guardian(Actor):
         if self._released and guarded.left_safe and not self._waiting and not self._unsettled_s:
             self._confirmed = True
             self._owed.safe_state = False
-            self.last_report = None  # it was safe by the wire's word, which is no answer to an e-stop
+            # The wire had confirmed it. That report does not answer an e-stop.
+            self.last_report = None
         else:
             await self._insist(epoch, INSIST_S)
         await self.channels.let_go()
         began_s = trio.current_time()
-        while not fenced:  # two processes at one port would be worse than none
+        # Two processes at one port would be worse than no process.
+        while not fenced:
             if self._leaving and trio.current_time() > began_s + LINGER_S:
-                break  # there will be no other
+                break  # no other wire will be started
             fenced = await self._fenced(guarded)
             if fenced and self._look_for_requests(fenced):
                 await self._insist(epoch, INSIST_S)
-        while self._waiting:  # who asked meanwhile
+        while self._waiting:  # orders that came meanwhile
             await self._make_safe(epoch)
         self.reported.set()
         self.idle.set()
 
     def _look_for_requests(self, fenced: bool) -> bool:
-        """Note that what the wire asked for is cut off now. Return whether that may still take effect:
-        then the robot is not safe, whatever the wire said last."""
+        """Note that the requests of the wire are cut off now. Return True if one of them may still take effect.
+
+        Then the robot does not count as safe, whatever the wire has reported.
+        """
         now_ns = self.context.clock.now_ns()
         if fenced:
             self._owed.cut_off(now_ns)

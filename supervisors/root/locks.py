@@ -1,9 +1,8 @@
-"""The lock of an e-stop, as a file: it outlives the tree it was put on, the script, and a reboot.
+"""The lock of an e-stop as a file, which outlives the tree, the script and a reboot.
 
-One file for each robot and port in one directory of this user. A robot is locked by a file of its
-name, whatever the port, and by one of its port, whatever the name. Both stand in the file's own
-name, so that it is known for whom a file counts even when its content cannot be read. Such a file
-locks, too.
+There is one file for each robot and port, in one directory of the user. A file locks the robot with its name,
+at any port, and the robot at its port, with any name. The name of the file contains both. So it is clear which
+robot a file locks, even if its content cannot be read. Such a file locks, too.
 """
 
 from __future__ import annotations
@@ -21,7 +20,7 @@ UNREADABLE = "an e-stop whose lock cannot be read"
 
 
 class Note(msgspec.Struct):
-    """What a file says, for people."""
+    """The content of a file, for people."""
 
     robot: str
     port: str
@@ -29,20 +28,20 @@ class Note(msgspec.Struct):
 
 
 class Lock(NamedTuple):
-    """``since``: ISO 8601, UTC, as the file system has it; empty when it is not known."""
+    """A lock. ``since`` is the file's time, in ISO 8601 and UTC. It is empty if unknown."""
 
     by: str
     since: str
 
 
 def place_of_port(port: str) -> str:
-    """Return what a port leads to: of a path the device, of an address the address as it was given,
-    whatever the working directory is."""
+    """Return the target of a port: the device of a path, independent of the working directory, or an address
+    unchanged."""
     return os.path.realpath(port) if os.path.isabs(port) or os.path.exists(port) else port
 
 
 class Locks:
-    """Of one robot. ``port``: empty for a twin or a simulation, which is known by its name
+    """The locks of one robot. ``port`` is empty for a twin or a simulation, which is identified by its name
     alone."""
 
     def __init__(self, directory: Path, robot: str, port: str = "") -> None:
@@ -52,8 +51,7 @@ class Locks:
         self._mark = hashlib.sha256(place_of_port(port).encode()).hexdigest()[:16] if port else ""
 
     def find(self) -> Lock | None:
-        """Return the newest lock that binds this robot. Raise nothing: what cannot be read
-        locks."""
+        """Return the newest lock of this robot. This never raises: a file that cannot be read is a lock."""
         try:
             paths = self._files()
         except OSError as error:
@@ -62,7 +60,7 @@ class Locks:
         return locks[-1] if locks else None
 
     def put(self, by: str) -> str:
-        """Lock it; since when. It is on the disk when this returns. Raise ``OSError``."""
+        """Lock the robot and return the time. The lock is on the disk when this returns. Raise ``OSError``."""
         self._directory.mkdir(mode=0o700, parents=True, exist_ok=True)
         path = self._directory / f"{self._robot}{'@' if self._mark else ''}{self._mark}.json"
         draft = path.with_suffix(f".{os.getpid()}.tmp")
@@ -80,7 +78,7 @@ class Locks:
         return _since(path)
 
     def lift(self) -> None:
-        """Remove every lock that binds this robot. Raise ``OSError``."""
+        """Remove every lock of this robot. Raise ``OSError``."""
         paths = self._files()
         for path in paths:
             path.unlink(missing_ok=True)
@@ -101,7 +99,7 @@ class Locks:
 
 
 def locked_robots(directory: Path) -> list[str]:
-    """Return every name that stands on a lock. Raise ``OSError``."""
+    """Return the names of all locked robots. Raise ``OSError``."""
     with contextlib.suppress(FileNotFoundError):
         names = (os.path.splitext(name) for name in os.listdir(directory))
         return sorted({stem.partition("@")[0] for stem, suffix in names if suffix == ".json"})

@@ -235,7 +235,7 @@ class TreeReport(Message, frozen=True):
     processes: tuple[ProcessInfo, ...]
     actors: tuple[ActorInfo, ...]
     last_stop: StopReport | None = None  # the last stop by the root's stop channel
-    locked_by: str = ""  # who has pressed the e-stop
+    locked_by: str = ""  # the operator of an e-stop
 
 
 class Happened(Message, frozen=True):

@@ -147,17 +147,18 @@ class Unconfirmed:
 
 
 class Ahead(NamedTuple):
-    """What was forked while this process had one thread; and the page that it shares with two of
+    """The processes that were forked while this process had one thread, and the page that it shares with two of
     them."""
 
     spawner: Spawner
-    wire: ForkedAhead  # the first one; when another is needed, this process has threads
+    # The first wire. This process has threads when it needs another one.
+    wire: ForkedAhead
     standby: ForkedAhead
     page: int
 
 
 class Tree:
-    """What runs in the root process."""
+    """The parts of the root process."""
 
     def __init__(self, args: dict[str, Any], ahead: Ahead) -> None:
         spawner = self.spawner = ahead.spawner
@@ -169,7 +170,7 @@ class Tree:
         self.driver = load_driver(args["driver"])
         run_first(ROOT_PRIORITY)
         self.node = Node(f"{self.robot}.root.{os.getpid()}", MonotonicClock())
-        # What the wire reports counts over its own link alone, and is not looked for elsewhere.
+        # Reports of the wire count over its own link only. They are never requested elsewhere.
         self.node.linked = channels.of_wire(self.robot).hosts or frozenset()
         self._policy_secret = secrets.token_hex(16)
         self.audit = Audit(Path(args["audit"]) if args["audit"] else None)
@@ -227,7 +228,7 @@ class Tree:
         self.standby.on_begun = self.guardian.begin_standby
         RESERVE.begin(lambda: self.standby.is_ready)
         self.wire: WireProcess | None = None
-        self._instrument: InstrumentKeeper | None = None  # of this process, once it runs
+        self._instrument: InstrumentKeeper | None = None  # of this process
         self.supervisor = Supervisor([ChildSpec("wire", self.guardian.keep)], budget=WIRE_BUDGET)
         self.failed = ""
         self._shutdown = trio.Event()
@@ -264,13 +265,12 @@ class Tree:
         self.mesh.tell_state(state)
 
     def writers(self) -> list[int]:
-        """Processes whose setpoints may be on their way to the wire."""
+        """Return the processes that may have sent setpoints to the wire."""
         policy = self.tasks.process
         return [self.args["caller_pid"]] if policy is None else [self.args["caller_pid"], policy.pid]
 
     def instrument_keeper(self) -> InstrumentKeeper:
-        """For who wants to record the root's actors: what is said of the wire and of tasks, less
-        the heartbeats."""
+        """Return the actor to which a recorder of the root's actors attaches. Heartbeats are left out."""
         at, driver = self.at, self.driver
         names = {address: name_of(address) for address in (at.guardian, at.tasks, at.root)}
         description = without_secrets(self.args["driver"], type(driver))
@@ -307,7 +307,7 @@ class Tree:
             await self._leave()
 
     def _actors(self) -> list[ChildSpec]:
-        """All but the guardian: one that fails is started again."""
+        """Return the specifications of all actors except the guardian. One that fails is restarted."""
         at, cell = self.at, self.node.cell
         cells = [
             cell(at.path("tasks"), lambda: self.tasks),
@@ -330,11 +330,16 @@ class Tree:
         run: Callable[..., Awaitable[None]],
         task_status: trio.TaskStatus[None] = trio.TASK_STATUS_IGNORED,
     ) -> None:
-        """Run a part of the root. When it fails the tree ends, in order: the robot is made safe
-        first. What is no failure ends the root at once: as it would end the other parts and close
-        their sessions one by one, for 70 ms, it would neither beat nor be seen to die. So does a lack of
-        files, memory or threads: an orderly end needs them too, and the wire or the standby has its
-        own."""
+        """Run a part of the root, and end the tree when it fails.
+
+        An exception ends the tree in order: the robot is made safe first. Two kinds of failures end the root at
+        once instead. The wire or the standby then stops the robot.
+
+        * An exit (``SystemExit`` and the like). It would otherwise end the other parts and close their sessions
+          one by one. For 70 ms the root would send no heartbeats, and would not be seen to have ended.
+        * A lack of files, memory or threads. An orderly end needs them too. The wire or the standby has its
+          own.
+        """
         try:
             await (run() if task_status is trio.TASK_STATUS_IGNORED else run(task_status=task_status))
         except Exception as error:
@@ -355,7 +360,7 @@ class Tree:
         try:
             await self.supervisor.run()
         except* BudgetSpent as spent:
-            # Each end of the wire was made safe by the guardian; it stays so, once every motor has
+            # The guardian has stopped the robot at each end of the wire. It stays stopped once every motor has
             # confirmed it.
             self.failed = describe(spent)
             await self.guardian.insist()
@@ -379,8 +384,10 @@ class Tree:
     # -- the end
 
     def _see_dying(self, pid: int) -> None:
-        """Who was killed has ended: what it waits for is a processor to die on, for tens of
-        milliseconds on a busy machine."""
+        """React to a writer that was killed, before the system reports its end.
+
+        On a busy machine a killed process waits tens of milliseconds for a processor to exit on.
+        """
         if pid == self.args["caller_pid"]:
             self.shut_down(Reason.CALLER, "the caller was killed")
         elif self.tasks.status.running:
@@ -394,9 +401,12 @@ class Tree:
             self._shutdown.set()
 
     async def _leave(self) -> None:
-        """The gate's own stop first, then the end of the wire; the guardian writes again unless
-        that stop was confirmed and the wire has ended by itself since. As long as a motor is not
-        confirmed this process stays, for ``LINGER_S``, and tries."""
+        """End the tree.
+
+        The gate stops the robot first, then the wire ends. The guardian stops it again, unless that stop was
+        confirmed and the wire has ended by itself since. While a motor is unconfirmed, this process stays and
+        repeats the stop for ``LINGER_S``.
+        """
         reason, by = self._end
         self.guardian.leave()
         report = await self._stop_by_gate(reason, by)
@@ -411,7 +421,7 @@ class Tree:
             waiting.send(report)
         self._waiting.clear()
         await self.guardian.idle.wait()
-        for waiting in self._waiting:  # who asked meanwhile
+        for waiting in self._waiting:  # orders that came meanwhile
             waiting.send(self.guardian.last_report or report)
         await self.keeper.settle()
         with trio.move_on_after(KEEP_S):
@@ -420,11 +430,15 @@ class Tree:
         while self.guardian.at_work:  # an e-stop in these last moments
             await self.guardian.serve_waiting()
             await trio.sleep(LAST_WORDS_S)
-        await self.standby.end()  # last: it has the port open, and is needed until now
+        # The standby ends last: it has the port open, and is needed until now.
+        await self.standby.end()
         os._exit(0 if self.guardian.confirmed else UNCONFIRMED)
 
     async def _stop_by_gate(self, reason: Reason, by: str) -> StopReport | None:
-        """Return its report, if every motor is confirmed. From then on it obeys nobody."""
+        """Stop the robot by the gate. Return its report if every motor is confirmed.
+
+        From then on the gate accepts no orders.
+        """
         within_s = StopDeadlines.of(self.driver.timing.safe_s).own_stop_s + self._settle_s()
         try:
             answer = await self.node.ref(self.at.gate, Gate).ask(Stop(reason, by), within_s)
@@ -436,8 +450,7 @@ class Tree:
         return answer
 
     def _settle_s(self) -> float:
-        """Return how much longer this stop takes because something that was asked for before may still
-        take effect."""
+        """Return how much longer this stop takes, because an earlier request may still take effect."""
         timing = self.driver.timing
         return settle_s(timing.safe_s, self.owed.unsettled_s(self.node.clock.now_ns()))
 
@@ -483,16 +496,17 @@ class Tree:
                 if isinstance(introspection, Introspection):
                     actors[process] = introspection.actors
 
-        async with trio.open_nursery() as nursery:  # at once: who asks does not wait for each that is frozen
+        # All at the same time, so that the answer does not wait for each frozen process in turn.
+        async with trio.open_nursery() as nursery:
             for process in actors:
                 nursery.start_soon(ask, process)
-        found = tuple(itertools.chain.from_iterable(actors.values()))
+        hosted = tuple(itertools.chain.from_iterable(actors.values()))
         last_stop = self.guardian.last_report
-        return TreeReport(self.robot, mode, state.epoch, tuple(report), found, last_stop, state.locked_by)
+        return TreeReport(self.robot, mode, state.epoch, tuple(report), hosted, last_stop, state.locked_by)
 
 
 def _is_end_of_task(error: BaseException) -> bool:
-    """Return whether there is nothing in it but the ways to end a task."""
+    """Return True if the exception contains only the usual ends of a task."""
     ends = (trio.Cancelled, GeneratorExit)
     if isinstance(error, BaseExceptionGroup):
         return error.split(ends)[1] is None
@@ -500,23 +514,24 @@ def _is_end_of_task(error: BaseException) -> bool:
 
 
 def main(args: dict[str, Any], sock: socket.socket) -> None:
-    """Entry of the root process."""
+    """Run the root process."""
     take_name(args["robot"], "root", args["label"])
     hand_over()
     import_ours(args["driver"])
-    read_protocols()  # what is forked from here need not
-    spawner = Spawner(  # now: this process has one thread, and nothing is open yet
+    read_protocols()  # so that forked children need not
+    # Forked now, while this process has one thread and no open files of the robot.
+    spawner = Spawner(
         close=(sock.fileno(), *args["descriptors"]),
         name=(args["robot"], "spawner", args["label"]),
         forget=args.clear,
     )
-    raise_limits()  # not the spawner's: policies have those of the user
+    raise_limits()  # after the spawner was forked: policies keep the limits of the user
     (page,) = args["descriptors"]
     robot, label = args["robot"], args["label"]
     wire = ForkedAhead((robot, "wire", label), (page,))
     standby = ForkedAhead((robot, "standby", label), session=True)
     ahead = Ahead(spawner, wire, standby, page)
-    be_taken_last()  # not the spawner: policies are its children
+    be_taken_last()  # not for the spawner: policies are its children
     trio.run(_main, args, sock, ahead)
 
 

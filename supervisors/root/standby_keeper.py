@@ -1,8 +1,8 @@
-"""Keep a standby process alive, with a way to the hardware, and say when there is none.
+"""Keep a standby process running, with a stop channel, and report when there is none.
 
-Nothing is armed without one (the gate refuses: ``no_standby``). What already moves goes on while it
-is replaced: root and wire are both there, and a hold would make a third process one more that stops
-a robot, with legs that fall.
+Without a standby the gate arms nothing (it refuses with ``no_standby``). A robot that already moves continues
+while the standby is replaced. Root and wire both run then. A hold would let a third process stop the robot by
+its failure, and a robot with legs would fall.
 """
 
 from __future__ import annotations
@@ -37,24 +37,29 @@ from strands_actors.supervisors.standby.watch import look_s, silent_s
 
 ENTRY = "strands_actors.supervisors.standby.process:main"
 START_S = 5.0
-"""From its start to its first heartbeat, on a busy machine."""
+"""Longest time (s) from the start of a standby to its first heartbeat, on a busy machine."""
 SILENT_S = 0.3
-"""A standby that has not beaten for so long is frozen; nothing that moves depends on it."""
+"""Seconds without a heartbeat after which a standby counts as frozen. Nothing that moves depends on it."""
 LET_GO_S = 0.3
-"""For a standby to close its stop channel, before the next wire opens the port: it is ended
-then."""
+"""Time (s) for a standby to close its stop channel before the next wire opens the port. Then it is killed."""
 MARGIN_S = 0.3
-"""Of ``Timing.handover_s``: what is left of it when a standby that does not answer is given up."""
+"""The rest of ``Timing.handover_s`` (s) when a standby that does not answer is given up."""
 AGAIN_S = (0.0, 0.1, 0.5, 1.0)
-"""Pauses before each further start of one that ends at once; the last one goes on."""
+"""Pauses before the restarts of a standby that ends at once. The last one is repeated."""
 LONG_S = 5.0
-"""One that lived for so long has not ended at once."""
+"""A standby that ran for so long (s) did not end at once."""
 ASK_AGAIN_S = 0.005
 
 
 class StandbyKeeper:
-    """``args``: the standby's. ``on_lost(why)``: there is none from now on. ``on_begun``: one has
-    begun, and needs to be given a stop channel."""
+    """Keeps the standby of one robot.
+
+    Attributes:
+        process: The running standby. None if there is none.
+        starts: The number of starts.
+        on_lost: Called with the reason when the standby is lost.
+        on_begun: Called when a standby has begun, and needs a stop channel.
+    """
 
     def __init__(
         self,
@@ -88,7 +93,7 @@ class StandbyKeeper:
         self.on_begun: Callable[[], None] = lambda: None
 
     async def keep(self) -> None:
-        """Until ``end``: a standby, and another when it has ended."""
+        """Keep a standby running until ``end``."""
         failures = 0
         while not self._leaving:
             began_s = trio.current_time()
@@ -104,7 +109,7 @@ class StandbyKeeper:
 
     async def _start(self) -> ChildProcess:
         ahead, self._ahead = self._ahead, None
-        # Told at once: this root may have ended before a message could reach it.
+        # The standby gets this with its start, because the root may end before a message reaches it.
         with self._told() as first:
             args = {**self._args, "root": first.root, "wire": first.wire}
             process = None if ahead is None else ahead.start(ENTRY, args, first.descriptors)
@@ -115,7 +120,7 @@ class StandbyKeeper:
         return process
 
     async def _attend(self, process: ChildProcess) -> str:
-        """Return when it has ended, with how."""
+        """Wait until the standby has ended, and return how."""
         self._heartbeat.forget()
         self._watching = False
         async with trio.open_nursery() as nursery:
@@ -132,10 +137,10 @@ class StandbyKeeper:
             await process.link(self._node, channels.of_standby(self._robot)).run()
         except Exception as error:
             report_failure("the link to the standby process", error)
-        process.kill()  # nobody could hear it
+        process.kill()  # without a link it cannot be ordered
 
     async def _listen(self, process: ChildProcess) -> None:
-        """End it when it is silent."""
+        """Kill the standby when it is silent."""
         look = look_s(self._timing)
         clock: Clock = self._node.clock
         began_ns = clock.now_ns()
@@ -151,10 +156,10 @@ class StandbyKeeper:
 
     @property
     def is_ready(self) -> bool:
-        """Return whether a standby lives and knows what it watches."""
+        """Return True if a standby runs and knows the processes that it watches."""
         return self._watching and self.process is not None and self.process.alive
 
-    # -- what it watches
+    # -- the processes that it watches
 
     def wire_started(self, process: ChildProcess) -> None:
         self._wire = process
@@ -165,11 +170,12 @@ class StandbyKeeper:
 
     @contextlib.contextmanager
     def _told(self) -> Iterator[WatchOver]:
-        """Whom to watch, now."""
+        """Yield the message with the processes to watch now."""
         wire = self._wire if self._wire is not None and self._wire.alive else None
-        self._owed.wire_pid = 0 if wire is None else wire.pid  # its number may soon be another's
+        self._owed.wire_pid = 0 if wire is None else wire.pid  # its id may soon be used again
         pidfds: list[int] = []
-        with contextlib.suppress(OSError):  # none is free: then it goes by the numbers of the processes
+        # No descriptor is free. The standby then uses the process ids.
+        with contextlib.suppress(OSError):
             if self._own_pidfd is not None:
                 pidfds.append(os.dup(self._own_pidfd))
                 pidfds += () if wire is None else wire.pidfds()
@@ -180,11 +186,12 @@ class StandbyKeeper:
                 os.close(fd)
 
     async def _begin(self) -> None:
-        """Tell it whom to watch now, as soon as it can be told: the wire may be another."""
-        told: ChildProcess | None = None
+        """Send the processes to watch as soon as the standby answers. The wire may have been replaced since its
+        start."""
+        announced: ChildProcess | None = None
         answer: Message | None = None
-        while not isinstance(answer, Guarding) or told is not self._wire:
-            told = self._wire
+        while not isinstance(answer, Guarding) or announced is not self._wire:
+            announced = self._wire
             try:
                 with self._told() as message:
                     answer = await self._ref.ask(message, START_S)
@@ -196,8 +203,10 @@ class StandbyKeeper:
     # -- its stop channel
 
     async def guard(self, descriptors: Sequence[int]) -> Refused | None:
-        """Give it a way to the hardware; None when it could use that at once. Waits for one that
-        begins."""
+        """Give the standby a stop channel. Return None when that is ready, else a refusal.
+
+        This waits for a standby that is being started.
+        """
         refusal = Refused(Code.NO_STANDBY, "there is no standby process", "wait until another has been started")
         with trio.move_on_after(self._timing.handover_s - MARGIN_S):
             while True:
@@ -205,14 +214,14 @@ class StandbyKeeper:
                     try:
                         answer = await self._ref.ask(Guard(tuple(descriptors)), self._timing.handover_s)
                     except (AskTimeout, Unreachable):
-                        pass  # it has ended, and another is started
+                        pass  # it has ended, and another is being started
                     else:
                         return answer if isinstance(answer, Refused) else None
                 await trio.sleep(ASK_AGAIN_S)
         return refusal
 
     async def let_go(self) -> None:
-        """Return when it has closed its stop channel, or has been ended."""
+        """Wait until the standby has closed its stop channel. Kill it if it does not."""
         process = self.process
         if process is None:
             return
@@ -224,7 +233,7 @@ class StandbyKeeper:
         await process.fence()
 
     async def end(self) -> None:
-        """The tree ends: the robot is safe, or has been given up."""
+        """End the standby, because the tree ends: the robot is safe, or was given up."""
         self._leaving = True
         if self.process is not None:
             await self.process.fence()

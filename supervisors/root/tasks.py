@@ -55,7 +55,7 @@ LAST_WORDS_S = 0.05
 
 
 class Tasks(Actor):
-    """Start and stop the policy process of a robot, at most one. The gate is told at once when it ends.
+    """Start and stop the policy process of a robot, at most one. The gate gets a message at once when it ends.
 
     Args:
         robot: The robot's name.
@@ -174,14 +174,14 @@ class Tasks(Actor):
             self.process.kill()
 
     def _refuse_late(self, message: StartTask) -> Refused | None:
-        """Return a refusal if the deadline of the request has passed. Its sender was told then that nothing
-        was started."""
+        """Return a refusal if the deadline of the request has passed. At the deadline its sender was answered
+        that nothing was started."""
         if not message.deadline_ns:
             return None
         return refuse_by_deadline(message.deadline_ns, self.context.clock.now_ns())
 
     async def _dismiss(self, process: ChildProcess) -> bool:
-        """End a process whose task is over. Return True if it has ended."""
+        """End the process of a finished task. Return True if it has ended."""
         if not await process.fence():
             return False
         await self._gone.wait()
@@ -196,7 +196,7 @@ class Tasks(Actor):
         self._ended(process, code)
 
     async def _end(self, process: ChildProcess) -> None:
-        """As ``_attend``, for a process whose link is closed."""
+        """Wait for the end of a process, as ``_attend`` does, after its link was closed."""
         process.kill()
         self._ended(process, await process.wait())
 

@@ -1,16 +1,16 @@
-"""Decide what the standby process does next.
+"""Decide the next action of the standby process.
 
-The standby is the last process that can stop a robot. It watches the root and the wire process, and
-acts only when neither of them can. This module is a pure table: no I/O, no clock.
+The standby is the last process that can stop a robot. It watches the root and the wire process, and acts only
+when neither of them can. This module is a pure table: no I/O, no clock.
 
-Invariant: at most one process can write to the robot. A silent process may be frozen and wake up
-later, so the standby kills it (fences it) and waits for its end before it writes.
+Invariant: at most one process can write to the robot. A silent process may be frozen and wake up later, so the
+standby kills it (fences it) and waits for its end before it writes.
 
     root      wire      which process stops the robot
-    runs      any       the root: it fences the wire and uses its own stop channel
-    silent    runs      the wire: it stops the robot by itself and exits
+    runs      any       the root (it fences the wire and uses its own stop channel)
+    silent    runs      the wire (it stops the robot by itself and exits)
     ended     runs      the wire, as above
-    otherwise           the standby: it fences what is silent, then writes the safe state
+    otherwise           the standby (it fences silent processes, then writes the safe state)
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ class Seen(enum.StrEnum):
     """The state of a process, as observed from outside."""
 
     RUNS = "runs"  # its heartbeats come, or it has just started
-    SILENT = "silent"  # it exists, and its heartbeat is overdue: it is frozen, or it spins
+    SILENT = "silent"  # it exists, and its heartbeat is overdue (frozen or spinning)
     ENDED = "ended"  # it has exited, or it was never started
 
 
@@ -39,12 +39,12 @@ ACTIONS: dict[tuple[Seen, Seen, bool], Action] = {
     # (root, wire, may be energised)
     (_RUNS, _RUNS, False): Action.WAIT,
     (_RUNS, _RUNS, True): Action.WAIT,
-    # The root runs: it fences the wire and stops the robot.
+    # The root runs. It fences the wire and stops the robot.
     (_RUNS, _SILENT, False): Action.WAIT,
     (_RUNS, _SILENT, True): Action.WAIT,
     (_RUNS, _ENDED, False): Action.WAIT,
     (_RUNS, _ENDED, True): Action.WAIT,
-    # The wire runs: it notices that the root is missing, stops the robot, and exits.
+    # The wire runs. It notices that the root is missing, stops the robot, and exits.
     (_SILENT, _RUNS, False): Action.WAIT,
     (_SILENT, _RUNS, True): Action.WAIT,
     (_ENDED, _RUNS, False): Action.WAIT,
@@ -55,7 +55,7 @@ ACTIONS: dict[tuple[Seen, Seen, bool], Action] = {
     (_SILENT, _SILENT, True): Action.FENCE,
     (_SILENT, _ENDED, False): Action.WAIT,
     (_SILENT, _ENDED, True): Action.FENCE,
-    # A frozen wire whose root has ended would keep the port open for ever.
+    # Without its root, a frozen wire would keep the port open for ever.
     (_ENDED, _SILENT, False): Action.FENCE,
     (_ENDED, _SILENT, True): Action.FENCE,
     (_ENDED, _ENDED, False): Action.LEAVE,

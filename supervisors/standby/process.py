@@ -234,7 +234,8 @@ class Standby(Actor):
                 pass
 
     async def _fence(self, *processes: _Seen) -> None:
-        """Kill all silent processes, then wait for their ends, so that none runs on meanwhile."""
+        """Kill all silent processes, then wait for their ends. All are killed first, so that no process runs
+        during the wait."""
         now_ns = self.context.clock.now_ns()
         async with trio.open_nursery() as nursery:
             for process in processes:
@@ -371,7 +372,7 @@ async def _main(args: dict[str, Any], sock: socket.socket) -> None:
     link = Link(node, sock, channel=root_channel)
     watched = WatchOver(args["root"], args["wire"], tuple(args["descriptors"]))
     standby = Standby(driver, robot, args["place"], report, watched, os._exit)
-    RESERVE.begin(lambda: False)  # Do not exit for want of a resource: it may come back.
+    RESERVE.begin(lambda: False)  # Never exit when a resource is missing, since it may become free again.
     async with trio.open_nursery() as nursery:
         await nursery.start(node.run)
         await nursery.start(node.cell(at.path("standby"), lambda: standby).run)

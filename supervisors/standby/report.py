@@ -1,8 +1,8 @@
 """The files that a standby leaves in the run directory.
 
-The report tells the next robot of the same name what the standby did. The lock is held while the
-standby lives. The next robot waits for it, so that a standby never writes to a robot that belongs
-to another tree. If the standby was stopped (SIGSTOP), the next robot ends it.
+The report describes the stops of the standby to the next robot of the same name. The lock is held while the
+standby runs. The next robot waits for it, so that a standby never writes to a robot that belongs to another
+tree. If the standby was stopped (SIGSTOP), the next robot ends it.
 """
 
 from __future__ import annotations
@@ -23,12 +23,12 @@ _REPORT_BYTES = 64 * 1024
 
 
 class StandbyReport(msgspec.Struct, frozen=True):
-    """What a standby did.
+    """The stop by a standby.
 
     Attributes:
         robot: The robot's name.
-        place: The robot's port or address, in the form of ``caller/port_claim``; empty for a twin,
-            which is identified by its name alone.
+        place: The robot's port or address, in the form of ``caller/port_claim``; empty for a twin, which is
+            identified by its name alone.
         why: The observed state of root and wire.
         safe_state: The ordered safe state.
         confirmed: True if every motor confirmed it.
@@ -69,7 +69,7 @@ def write(path: Path, report: StandbyReport) -> None:
 
 
 def read(path: Path) -> StandbyReport | None:
-    """Return the report; None if there is no file. The report of an unreadable file says so."""
+    """Return the report, or None if there is no file. For an unreadable file, return a report with the error."""
     try:
         with path.open("rb") as file:
             data, since_s = file.read(_REPORT_BYTES), os.fstat(file.fileno()).st_mtime

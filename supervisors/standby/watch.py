@@ -32,7 +32,7 @@ def silent_s(timing: Timing) -> float:
 
 
 def look_s(timing: Timing) -> float:
-    """Return the period of the standby's observations and of its own heartbeats."""
+    """Return the period in which the standby observes the others and sends its own heartbeat."""
     return silent_s(timing) / LOOKS
 
 

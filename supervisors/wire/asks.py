@@ -1,15 +1,15 @@
 """Track the requests to a robot that may take effect later.
 
-An arming takes effect when the robot carries it out, not when the wire asks for it: a program is
-still being uploaded, a login answered, a motor driver started. When a stop overtakes such a request,
-the robot may be energised after the safe frame. The transport therefore notes each request on the
-shared page (``Owed``), where root and standby find it after the wire's death.
+An arming takes effect when the robot carries it out, not when the wire requests it. A program may still be
+uploaded, a login answered, a motor driver started. When a stop overtakes such a request, the robot may be
+energised after the safe frame. So the transport notes each request on the shared page (``Owed``). Root and
+standby find it there after the wire's death.
 
-    request                              the page says
-    passed its permit's check            under way
-    answered: it has taken effect        nothing
-    cut off, refused or failed           may take effect for ``late_s`` more
-    in an SDK's call that hangs          under way, until the end of this process
+    request                                     entry on the page
+    passed the check of its permit              under way
+    answered, so it has taken effect            nothing
+    cut off, refused or failed                  may take effect for ``late_s`` more
+    in an SDK's call that hangs                 under way, until the end of this process
 """
 
 from __future__ import annotations

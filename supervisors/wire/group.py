@@ -1,7 +1,7 @@
-"""The wire group: gate, watchdog and transport, in one loop, with nothing else in it.
+"""The wire group: gate, watchdog and transport, in one loop that runs nothing else.
 
-If one of the three breaks, the group ends as a whole and the guardian takes over: half a chain is
-never repaired in place.
+If one of the three fails, the whole group ends and the guardian takes over. The group is never repaired in
+part.
 """
 
 from __future__ import annotations
@@ -49,9 +49,9 @@ from .watchdog import Watchdog
 UNCONFIRMED = 4
 """Exit code of a wire process whose root is gone, when a motor did not confirm the safe state."""
 STANDBY_LIVES_NS = NS
-"""A root or standby that has beaten so recently is taken for alive."""
+"""A root or standby with a heartbeat in this time (ns) counts as running."""
 LAST_HEARD_S = 0.05
-"""For what a process said before its end to be read from its link."""
+"""Time (s) to read the last messages of a process from its link after its end."""
 
 
 async def run_group(
@@ -72,9 +72,25 @@ async def run_group(
     secret: bytes = b"",
     task_status: trio.TaskStatus[None] = trio.TASK_STATUS_IGNORED,
 ) -> None:
-    """Run until cancelled; raise when any of the three fails. ``orphaned``, ``root``, ``missed``: see
-    ``Watchdog``; ``made`` is given the transport. ``owed``: see ``Transport``; ``no_standby`` and what
-    follows: ``Gate``."""
+    """Run until cancelled. Raise if one of the three actors fails.
+
+    Args:
+        node: The node of this process.
+        driver: The driver of the robot.
+        robot: The robot's name.
+        start_state: The failsafe state to begin with.
+        cause: The cause of that state.
+        orphaned: See ``Watchdog``.
+        heartbeat: The heartbeats of wire and root.
+        root: See ``Watchdog``.
+        missed: See ``Watchdog``.
+        made: Called with the transport.
+        locked_since: See ``Gate``, as for the following ones.
+        owed: See ``Transport``.
+        no_standby: Why nothing is armed yet.
+        audited: True if decisions go to the audit.
+        secret: See ``Gate``.
+    """
     at = addresses.of(robot)
     transport = Transport(
         driver, at.gate, at.watchdog, at.guardian, start_state.epoch, start_state.mode is Mode.LOST, owed
@@ -114,7 +130,7 @@ async def run_group(
 
 
 def instrument_keeper(node: Node, driver: Driver, description: dict[str, Any], robot: str) -> InstrumentKeeper:
-    """For who wants to record the gate and the watchdog of a wire group."""
+    """Return the actor to which a recorder of gate and watchdog attaches."""
     at = addresses.of(robot)
 
     def remember() -> Iterator[tuple[str, int, object]]:
@@ -145,7 +161,7 @@ class WireProcess:
             await self._link.run()
         except Exception as error:
             report_failure("the link to the wire process", error)
-            self.process.kill()  # nobody could hear it
+            self.process.kill()  # without a link it cannot report
         finally:
             self._heard_out.set()
 
@@ -178,7 +194,7 @@ class WireProcess:
 
 
 class InlineWire:
-    """The wire group in this process's loop: for tests, under virtual time too."""
+    """The wire group in the loop of this process, for tests, also in virtual time."""
 
     def __init__(
         self,
@@ -246,11 +262,11 @@ class InlineWire:
         self._watchdog.tell(RootGone())
 
     def standing(self) -> None:
-        return None  # it stands where we stand
+        return None  # it runs in this process
 
 
 def main(args: dict[str, Any], sock: socket.socket) -> None:
-    """Entry of the wire process."""
+    """Run the wire process."""
     take_name(args["robot"], "wire", args["label"])
     be_taken_last()
     hand_over()
@@ -322,7 +338,7 @@ async def _main(args: dict[str, Any], sock: socket.socket) -> None:
             nursery.start_soon(instrument.run)
     except Exception as error:
         if not (link.closed or os.getppid() != root):
-            raise  # the root makes safe, as after any end of this process
+            raise  # the root stops the robot, as after any end of this process
         report_failure("the wire process, whose root is gone,", error)
     async with trio.open_nursery() as nursery:
         nursery.start_soon(_beat, heartbeat, clock, driver.timing.tick_s)
@@ -334,19 +350,30 @@ async def _main(args: dict[str, Any], sock: socket.socket) -> None:
 
 
 async def _beat(heartbeat: Heartbeat, clock: Clock, tick_s: float) -> None:
-    """For the standby: this process is at work, although its watchdog has ended."""
+    """Send heartbeats to the standby: this process still works, although its watchdog has ended."""
     while True:
         heartbeat.beat(clock.now_ns())
         await trio.sleep(tick_s)
 
 
 async def make_safe_alone(driver: Driver, clock: Clock, transports: Sequence[Transport], owed: Owed) -> bool:
-    """The root is gone, and gate and transport could not make safe, or have failed: go past them,
-    again and again until every motor confirms it or ``LINGER_S`` are over. Whether they did.
-    ``transports``: the one that ran."""
+    """Stop the robot without root, gate and transport, because the root is gone and the others could not stop
+    it.
+
+    Attempts are repeated until every motor confirms the stop or ``LINGER_S`` are over.
+
+    Args:
+        driver: The driver of the robot.
+        clock: The clock.
+        transports: The transport that ran, if any.
+        owed: The shared page.
+
+    Returns:
+        True if every motor has confirmed.
+    """
     safe_state = owed.order(driver.fallbacks[Reason.ROOT])
     descriptors: tuple[int, ...] = ()
-    with contextlib.suppress(OSError):  # no descriptor is left: the port is opened anew
+    with contextlib.suppress(OSError):  # no descriptor is left, so the port is opened again
         descriptors = transports[-1].descriptors() if transports else ()
     with trio.move_on_after(LINGER_S):
         for pause_s in pauses_s():
@@ -354,10 +381,12 @@ async def make_safe_alone(driver: Driver, clock: Clock, transports: Sequence[Tra
             if all_safe(await settled(owed, clock, make_safe)):
                 return True
             if owed.is_asking:
-                return False  # an SDK's thread goes on until this process ends: the standby waits for what it did
+                # A thread of an SDK continues until this process ends. The standby stops the robot after that.
+                return False
             RESERVE.end_if_short()
             if descriptors:
-                transports[-1].close()  # a port can be opened anew once nobody has it
+                # The port can be opened again only after it was closed.
+                transports[-1].close()
                 descriptors = ()
             await trio.sleep(pause_s)
     return False

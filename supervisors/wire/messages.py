@@ -21,7 +21,7 @@ class Write(Message, frozen=True):
     deadline_ns: int
     values: tuple[float, ...]
     expires_ns: int = 0  # end of re-sending; 0 if it is latched
-    streamed: bool = False  # part of a stream, whose writer sends the next one
+    streamed: bool = False  # part of a stream, so the writer sends a next one
 
 
 class Cycle(Message, frozen=True):
@@ -31,7 +31,7 @@ class Cycle(Message, frozen=True):
     lane = "latest"
 
     number: int
-    resend_epoch: int = 0  # the epoch in which re-sending is allowed; 0 allows none
+    resend_epoch: int = 0  # the epoch in which re-sending is allowed; 0 allows no re-sending
     feed: bool = False
 
 
@@ -74,8 +74,8 @@ class Alive(Message, frozen=True):
 
 
 class Cycled(Message, frozen=True):
-    """The transport's reply to ``Cycle``. ``busy_until_ns`` is the end of a bounded operation in which it
-    does not reply (connecting, confirming a stop); 0 if there is none."""
+    """The transport's reply to ``Cycle``. ``busy_until_ns`` is the end of a bounded operation in which it does
+    not reply (connecting, confirming a stop); 0 without such an operation."""
 
     lane = "latest"
 

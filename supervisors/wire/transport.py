@@ -330,8 +330,8 @@ class Transport(Actor):
         return None if reached is None else reached or motors
 
     async def _look_where_held(self, motors: tuple[MotorReport, ...]) -> Observation | None:
-        """Read the robot after a hold whose report has no positions. With an older observation the next
-        command would move axes that it does not name back to where they were before."""
+        """Read the robot after a hold if its report lacks positions. With an older observation the next command
+        would move axes that it does not name back to where they were before."""
         if all(motor.target is not None or not motor.safe for motor in motors):
             return None
         try:

@@ -1,13 +1,15 @@
-"""Pictures between processes: a file in memory that one process writes and any number read.
+"""Pictures between processes: a file in memory that one process writes and any number of processes read.
 
-A picture is larger than what actors tell each other, and only the newest counts. So there is no
-queue and no lock: the writer goes round a few slots, and who reads looks at the newest one. Each
-slot has a number that is odd while it is written (a seqlock): what was overwritten while it was
-copied is noticed, and copied anew. Nobody ever waits for anybody, and a writer that is frozen or
-killed in the middle of a picture leaves the one before it whole.
+Theory. A picture is larger than a message between actors, and only the newest one counts. So there is no queue
+and no lock. The writer fills a few slots in turn, and a reader copies the newest one. Each slot has a number
+that is odd while the slot is written (a seqlock). A reader that finds another number after its copy than before
+tries again.
 
-Beside the pictures the file has a page with what is known of their source: when it was last alive,
-what it says of itself, and until when somebody wants its pictures compressed.
+* No process ever waits for another.
+* A writer that freezes or is killed in the middle of a picture leaves the previous picture whole.
+
+The file also has a page on the source of the pictures: when it was last alive, its description of itself, and
+until when a reader wants compressed pictures.
 """
 
 from __future__ import annotations
@@ -21,26 +23,26 @@ from typing import NamedTuple
 MAGIC = 0x53415246_00000001  # "SARF", and the version of this layout
 PAGE = 4096
 HEAD = 64
-"""Bytes before each slot's content."""
+"""Bytes of the header of each slot."""
 SLOTS = 4
 COMPRESSED_SLOTS = 3
 COMPRESSED_ROOM = 1 << 20
-"""Bytes of a compressed picture, at most."""
+"""The most bytes of a compressed picture."""
 TRIES = 8
-"""Of one reader: a writer that laps it so often leaves it nothing to read."""
+"""The most attempts of one read. After so many overwritten copies the reader gets nothing."""
 
 _MAGIC, _ROOM, _NEWEST, _BEAT, _TOLD, _TOLD_BYTES, _WANTED, _STALE, _NEWEST_COMPRESSED = range(9)
 _TOLD_AT = 512
 FRONT = PAGE + COMPRESSED_SLOTS * (HEAD + COMPRESSED_ROOM)
-"""Where the pictures themselves begin."""
+"""The offset of the uncompressed pictures."""
 
 
 class NoRing(Exception):
-    """There is no such file, or it is none of ours; the text says which."""
+    """The file does not exist, or it is not a ring of this package. The text gives the cause."""
 
 
 class Shot(NamedTuple):
-    """A picture, copied. ``number`` counts those of one file, through restarts of who writes it."""
+    """A copy of a picture. ``number`` counts the pictures of one file, also across restarts of the writer."""
 
     number: int
     captured_ns: int  # on the host's monotonic clock
@@ -50,7 +52,16 @@ class Shot(NamedTuple):
 
 
 class _Slots:
-    """A few slots in a row, from ``at`` on. ``newest``: the word that has the number of the newest."""
+    """A few slots in a row.
+
+    Args:
+        memory: The mapped file.
+        words: The same memory, as words of 64 bits.
+        at: The offset of the first slot.
+        count: The number of slots.
+        room: The most bytes of a picture.
+        newest: The index of the word with the number of the newest picture.
+    """
 
     def __init__(self, memory: memoryview, words: memoryview, at: int, count: int, room: int, newest: int) -> None:
         self._memory = memory
@@ -82,7 +93,7 @@ class _Slots:
         self._words[self._newest] = number
 
     def captured_ns(self) -> int:
-        """When the newest one was captured; 0: there is none, or it is being replaced."""
+        """Return when the newest picture was captured, or 0 if there is no picture or it is being replaced."""
         number = self.newest
         start = self.place(number)
         head = self._memory[start : start + HEAD].cast("q")
@@ -91,7 +102,7 @@ class _Slots:
         return captured_ns if number > 0 and head[0] == 2 * number else 0
 
     def read(self) -> Shot | None:
-        """Return the newest one. None: there is none yet, or the writer was quicker every time."""
+        """Return the newest picture. None if there is none yet, or if the writer overwrote every copy."""
         for _ in range(TRIES):
             number = self.newest
             if number <= 0:
@@ -109,12 +120,19 @@ class _Slots:
 
 
 class FrameRing:
-    """One file, mapped. Whoever has it open may go on reading after it was removed."""
+    """A mapped file of pictures. A process that has it open may read it after it was removed."""
 
     def __init__(self, path: str, writes: bool = False, front: bool = False) -> None:
-        """Raise ``NoRing``. ``writes``: for the one process that puts pictures, and for the one
-        that wants them compressed. ``front``: everything but the pictures themselves, for a process
-        that locks what it maps in memory."""
+        """Open the file.
+
+        Args:
+            path: The file, as made by ``create``.
+            writes: For the process that puts pictures, and for one that requests compressed ones.
+            front: Maps everything except the uncompressed pictures, for a process that locks its memory.
+
+        Raises:
+            NoRing: The file does not exist, or is no ring of this user and version.
+        """
         self.path = path
         try:
             fd = os.open(path, (os.O_RDWR if writes else os.O_RDONLY) | os.O_CLOEXEC | os.O_NOFOLLOW)
@@ -155,18 +173,28 @@ class FrameRing:
 
     @property
     def is_current(self) -> bool:
-        """Return whether the file at its path is still this one."""
+        """Return True if the file at this path is still this one."""
         try:
             status = os.stat(self.path)
         except OSError:
             return False
         return (status.st_dev, status.st_ino) == self.identity
 
-    # -- the source's end
+    # -- the source
 
     def put(self, captured_ns: int, height: int, width: int, data: memoryview) -> int:
-        """Make this picture the newest; its number. Raise ``ValueError`` for one that is too large,
-        ``OSError`` when there is no memory for it."""
+        """Make this picture the newest and return its number.
+
+        Args:
+            captured_ns: When it was captured, on the host's monotonic clock.
+            height: Rows.
+            width: Pixels of a row.
+            data: The pixels.
+
+        Raises:
+            ValueError: The picture is too large for the file.
+            OSError: There is no memory for it.
+        """
         if len(data) > self._pictures.room:
             raise ValueError(
                 f"a picture of {width} x {height} is {len(data)} bytes, more than the {self._pictures.room} "
@@ -179,7 +207,7 @@ class FrameRing:
         return number
 
     def put_compressed(self, shot: Shot) -> bool:
-        """Keep the compressed form of a picture. Whether there is room for it."""
+        """Store the compressed form of a picture. Return False if it is too large."""
         if len(shot.data) > COMPRESSED_ROOM:
             return False
         at = self._compressed.place(shot.number)
@@ -191,7 +219,7 @@ class FrameRing:
         self._words[_BEAT] = now_ns
 
     def tell(self, what: bytes) -> None:
-        """Replace what the source says of itself. At most a page; more is cut."""
+        """Replace the description of the source. Text beyond one page is cut."""
         what = what[: PAGE - _TOLD_AT]
         version: int = self._words[_TOLD] | 1
         self._words[_TOLD] = version
@@ -202,22 +230,22 @@ class FrameRing:
         self._words[_TOLD] = version + 1
 
     def _reserve(self, size: int) -> None:
-        """Have the memory of every slot before it is written: what is missing then is an error, and
-        not the end of the process."""
+        """Allocate the memory of every slot before it is written. A lack of memory is then an error and does
+        not end the process."""
         for number in range(SLOTS):
             os.posix_fallocate(self._fd, self._pictures.place(number), HEAD + size)
         self._reserved = size
 
-    # -- who reads
+    # -- readers
 
     @property
     def newest(self) -> int:
-        """Return the number of the newest picture; 0: there was none yet."""
+        """Return the number of the newest picture, or 0 before the first one."""
         return self._pictures.newest
 
     @property
     def captured_ns(self) -> int:
-        """When the newest picture was captured; 0: there is none, or it is being replaced."""
+        """Return when the newest picture was captured, or 0 if there is no picture or it is being replaced."""
         return self._pictures.captured_ns()
 
     def read(self) -> Shot | None:
@@ -232,31 +260,31 @@ class FrameRing:
 
     @property
     def beaten_ns(self) -> int:
-        """When the source was last alive; 0: never."""
+        """Return when the source was last alive, or 0 for never."""
         beaten_ns: int = self._words[_BEAT]
         return beaten_ns
 
     @property
     def stale_ns(self) -> int:
-        """From which age on a picture of this source is stale."""
+        """Return the age from which on a picture of this source is stale."""
         stale_ns: int = self._words[_STALE]
         return stale_ns
 
     @property
     def told(self) -> bytes:
-        """Return what the source last said of itself."""
+        """Return the last description of the source."""
         for _ in range(TRIES):
             version = self._words[_TOLD]
             _in_order()
             size = self._words[_TOLD_BYTES]
             if version % 2 == 0 and 0 <= size <= PAGE - _TOLD_AT:
-                what = bytes(self._memory[_TOLD_AT : _TOLD_AT + size])
+                text = bytes(self._memory[_TOLD_AT : _TOLD_AT + size])
                 _in_order()
                 if self._words[_TOLD] == version:
-                    return what
+                    return text
         return b""
 
-    # -- who wants compressed pictures
+    # -- requests for compressed pictures
 
     def want(self, until_ns: int) -> None:
         self._words[_WANTED] = until_ns
@@ -268,8 +296,16 @@ class FrameRing:
 
 
 def create(path: str, room: int, stale_ns: int) -> None:
-    """Make a file for pictures of at most ``room`` bytes, in place of what is there. Memory is taken
-    for what is written only. Raise ``OSError``."""
+    """Make a file for pictures, in place of an existing one. It takes memory only for bytes that are written.
+
+    Args:
+        path: The file.
+        room: The most bytes of a picture.
+        stale_ns: The age from which on a picture is stale.
+
+    Raises:
+        OSError: The file cannot be made.
+    """
     room = -(-room // HEAD) * HEAD
     draft = f"{path}.{os.getpid()}.new"
     fd = os.open(draft, os.O_RDWR | os.O_CREAT | os.O_TRUNC | os.O_CLOEXEC | os.O_NOFOLLOW, 0o600)
@@ -296,8 +332,10 @@ _fence = threading.Lock()
 
 
 def _in_order() -> None:
-    """Have other processors see what was stored before this no later than what is stored after it.
-    On x86 they do anyway. On ARM a lock that is released and taken again is a barrier both ways."""
+    """Make other processors see the stores before this call no later than those after it.
+
+    On x86 they do anyway. On ARM a lock that is released and taken again is a barrier in both directions.
+    """
     with _fence:
         pass
     with _fence:

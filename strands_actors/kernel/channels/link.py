@@ -1,8 +1,8 @@
 """A link: the inherited socket between a parent process and its child.
 
-It carries frames and descriptors, and its end of file is a death notice. It never blocks: what a
-frozen peer does not read is kept up to a bound, then dropped and counted. All of it belongs to the
-node's loop but ``send_at_once``, which is of any thread.
+It carries frames and descriptors. Its end of file means that the other process has ended. A link never blocks:
+frames that a frozen peer does not read are kept up to a bound, and dropped and counted beyond it. Everything
+here runs in the node's loop, except ``send_at_once``, which may be called from any thread.
 """
 
 from __future__ import annotations
@@ -21,9 +21,10 @@ from strands_actors.kernel.router import Router
 from .permissions import Channel
 
 BACKLOG_BYTES = 256 * 1024
-_READ_BYTES = 16 * 1024  # of more the interpreter takes and gives back pages at each read
+# With a larger buffer the interpreter would take and release pages at each read.
+_READ_BYTES = 16 * 1024
 HEAD = struct.Struct("<IB")
-"""Before each frame: its length, and how many descriptors come with it."""
+"""The header of a frame: its length, and the number of descriptors that come with it."""
 _MAX_FRAME = 1 << 20
 _MAX_DESCRIPTORS = 8
 _INT = struct.calcsize("i")
@@ -32,13 +33,19 @@ _CLOEXEC: int = getattr(socket, "MSG_CMSG_CLOEXEC", 0)  # Linux has it, macOS ha
 
 
 def packet_of(data: bytes, descriptors: int = 0) -> bytes:
-    """Return a frame as it travels."""
+    """Return a frame with its header."""
     return HEAD.pack(len(data), descriptors) + data
 
 
 class Link:
-    """One end. ``on_closed`` is called once, in the node's loop, when the other end is gone.
-    ``channel``: what the other end may say; None: everything."""
+    """One end of a link.
+
+    Args:
+        node: The node of this process.
+        sock: The socket. It belongs to the link from now on.
+        on_closed: Called once, in the node's loop, when the other end is gone.
+        channel: The messages that the other end may send. None allows all.
+    """
 
     def __init__(
         self,
@@ -56,7 +63,7 @@ class Link:
         self._writable_wanted = trio.Event()
         self._token: trio.lowlevel.TrioToken | None = None
         self._sending = threading.Lock()
-        """Around what leaves, so that no frame begins within another."""
+        """Held while bytes leave, so that no frame begins within another."""
         self.closed = False
         self.dropped = 0
         sock.setblocking(False)
@@ -96,7 +103,8 @@ class Link:
             return False
         packet = packet_of(data, len(descriptors))
         if len(packet) > BACKLOG_BYTES:
-            self.dropped += 1  # half of it would be sent and the rest not kept
+            # A part of it would be sent, and the rest could not be kept.
+            self.dropped += 1
             return False
         with self._sending:
             if self._backlog:
@@ -122,7 +130,8 @@ class Link:
                 sent = self._socket.send(packet)
             except OSError:
                 return False
-            if sent < len(packet):  # Linux cuts nothing so short in two, others may
+            # Linux does not split such a short packet. Other systems may.
+            if sent < len(packet):
                 self._backlog.append((memoryview(packet)[sent:], ()))
                 self._backlog_bytes += len(packet) - sent
                 self._token.run_sync_soon(lambda: self._writable_wanted.set())
@@ -175,7 +184,8 @@ class Link:
     async def _read_frames(self, descriptors: deque[int]) -> None:
         room = bytearray(_READ_BYTES)
         rooms, read = (room,), memoryview(room)
-        rest = b""  # of a frame that is not whole yet
+        # The beginning of a frame that is not whole yet.
+        rest = b""
         while True:
             await trio.lowlevel.wait_readable(self._socket)
             try:
@@ -196,8 +206,8 @@ class Link:
             rest = bytes(data[taken:])
 
     def _take_frames(self, data: bytes | memoryview, descriptors: deque[int]) -> int | None:
-        """All that are whole; how many bytes that was. None when the other end cannot be what it
-        should be."""
+        """Handle all whole frames, and return the number of their bytes. None if the other end sends no valid
+        frames."""
         start, length = 0, len(data)
         while length - start >= HEAD.size:
             size, count = HEAD.unpack_from(data, start)

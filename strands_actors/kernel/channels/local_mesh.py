@@ -1,7 +1,6 @@
-"""A mesh in memory: the same frames, the same refusals, no I/O. For tests, and for trees under
-MockClock.
+"""A mesh in memory, for tests and for trees under MockClock: the same frames and refusals, without I/O.
 
-Links between nodes can be cut and healed, as a network's can.
+A node can be cut off and joined again, as on a network.
 """
 
 from __future__ import annotations
@@ -29,7 +28,7 @@ class LocalNetwork:
         return LocalMesh(self)
 
     def cut(self, node: Node) -> None:
-        """Nothing from or to this node arrives any more; those beyond the cut are told."""
+        """Cut a node off. No frame from it or to it arrives, and the others learn that it is gone."""
         self._cut.add(node.address)
         for mesh in list(self._meshes.values()):
             if mesh.node is not node:

@@ -1,7 +1,7 @@
 """Look up the addresses of hosts, and remember them for a stop.
 
-A look-up of a name starts a thread and may wait for a server. A stop has time for neither, so it
-takes the addresses that this process found last.
+A look-up starts a thread and may wait for a server. A stop has no time for that, so it takes the last addresses
+that this process found.
 """
 
 from __future__ import annotations

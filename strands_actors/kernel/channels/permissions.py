@@ -1,8 +1,8 @@
-"""What may be said over one way between processes: in whose name, and what to whom.
+"""Permissions of a channel: in which name it may send, and which messages to which actors.
 
-Who speaks is known by the channel it speaks on, never by what it says. A process that starts
-another knows what it has started; so the channel is given to the parent's end of a link, and what
-does not fit it is refused before an actor reads it.
+The receiver identifies a sender by the channel, never by the content of a message. A process knows which
+process it has started. So the parent sets the ``Channel`` at its end of the link. A message that does not match
+it is refused before an actor reads it.
 """
 
 from __future__ import annotations
@@ -14,14 +14,19 @@ from strands_actors.kernel.messages import Message, Refused
 from strands_actors.kernel.refusals import Code
 
 Told = frozenset[type[Message]] | None
-"""Which messages; None: every one that the actor takes."""
+"""The permitted message types. None permits all that the actor accepts."""
 
 
 class Channel(NamedTuple):
-    """``name``: what messages with a field ``channel`` are stamped with; empty for who may do what
-    an operator may. ``hosts``: the actors that live at the other end, None: anybody. ``nodes``: how
-    addresses begin that its node gives to who asks. ``tells``: the actors here that it may speak
-    to; None: all."""
+    """The permissions of one channel.
+
+    Attributes:
+        name: Written into the field ``channel`` of messages that have it. Empty for a channel with the rights
+            of an operator.
+        hosts: The addresses of the actors at the other end. None accepts any sender.
+        nodes: The prefix of the addresses that the other node gives to the senders of asks.
+        tells: The actors here that it may send to, with the permitted types. None permits all.
+    """
 
     name: str = ""
     hosts: frozenset[str] | None = None
@@ -32,7 +37,7 @@ class Channel(NamedTuple):
         return self.hosts is None or address in self.hosts or address.startswith(self.nodes)
 
     def refuse(self, to: str, message: Message) -> Refused | None:
-        """None when it may say this to the actor at ``to``."""
+        """Return a refusal if the channel may not send this message to the actor at ``to``, else None."""
         if self.tells is None:
             return None
         kinds = self.tells.get(to, frozenset())

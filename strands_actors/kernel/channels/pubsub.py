@@ -1,9 +1,9 @@
-"""Plain topics over zenoh: what anybody may subscribe to, and what comes in from anybody.
+"""Public topics over zenoh, which any process may subscribe to and publish on.
 
-A session of its own, apart from the one that carries messages between actors: whoever joins this
-one reaches topics and nothing else. (A second session of a process costs 40 kB and no thread.)
-Nothing here ever holds the loop up: a subscriber that does not read loses samples, and a flood is
-thinned out before it enters Python.
+They use a session of their own, apart from the one for messages between actors. So a process that joins this
+session reaches topics and nothing else. (A second session of a process costs 40 kB and no thread.) Nothing here
+blocks the loop: a subscriber that does not read loses samples, and a flood is thinned out before it enters
+Python.
 """
 
 from __future__ import annotations
@@ -23,11 +23,14 @@ from .zenoh_session import ANSWERED_S, Waker, config
 JSON = "application/json"
 
 AWAY_S = 0.003
-"""For what was done at once to be over: who hears of it meanwhile takes a processor from it. An
-e-stop of two robots on two processors took 2.1 to 2.6 ms when their roots were woken with it, and
-1.6 since."""
+"""Seconds from an ``at_once`` handler to the wake-up of the loop.
+
+Until then the work that the handler has started should be done. A process that is woken earlier takes a
+processor from it. An e-stop of two robots on two processors took 2.1 to 2.6 ms when their roots were woken with
+it, and takes 1.6 ms with this pause.
+"""
 _REPLIES = "answers"
-"""Where answers to questions wait: no key."""
+"""The name of the inbox for answers to questions. It is no key."""
 _WAKE_BATCH = 128
 _URGENT: dict[str, Any] = {
     "congestion_control": zenoh.CongestionControl.DROP,
@@ -48,39 +51,49 @@ class Received(msgspec.Struct, frozen=True):
     payload: bytes
     encoding: str
     attachment: bytes | None
-    alive: bool = True  # of a liveliness token: False when it is gone
-    done: Any = None  # what the subscription's ``at_once`` made of it
-    sent_s: float = 0.0  # by the sender's wall clock, where it says so
-    reply: Any = None  # of a question: takes an answer, and whether it is the last
+    alive: bool = True  # of a liveliness token: False when it has gone
+    done: Any = None  # the result of the subscription's ``at_once``
+    sent_s: float = 0.0  # by the sender's wall clock; 0 if unknown
+    reply: Any = None  # of a question: sends an answer (``Reply``)
 
     @property
     def asker(self) -> str:
-        """Return who asks, of a question: with what its key ends."""
+        """Return the name of the sender of a question: the last part of its key."""
         return self.key.rpartition("/")[2]
 
 
 class Reply:
-    """Answers one question. Who asked hears it, and nobody else, whoever listens."""
+    """Sends answers to one question. Only the sender of the question receives them."""
 
     def __init__(self, query: Any) -> None:
         self._query = query
         self._key = str(query.key_expr)
 
     def __call__(self, answer: bytes, final: bool = True, schema: str = "") -> bool:
-        """Return whether it could be sent."""
+        """Send an answer. Return False if it could not be sent.
+
+        Args:
+            answer: The content.
+            final: True if no further answer follows.
+            schema: Named in the encoding. Empty for plain bytes.
+        """
         try:
             encoding = _encoding(schema) if schema else zenoh.Encoding.ZENOH_BYTES
             self._query.reply(self._key, answer, encoding=encoding)
             if final:
                 self._query.drop()
         except zenoh.ZError:
-            return False  # this session is closed, or the last answer was given
+            # The session is closed, or the final answer has been sent.
+            return False
         return True
 
 
 class Topic:
-    """A topic of ours. ``wanted``: somebody subscribes to it (0.6 us; what nobody reads is not
-    encoded)."""
+    """A topic that this process publishes.
+
+    ``wanted`` is True while a process subscribes to it. Checking takes 0.6 us, so that samples without a reader
+    are not encoded.
+    """
 
     def __init__(self, publisher: zenoh.Publisher) -> None:
         self._publisher = publisher
@@ -92,15 +105,15 @@ class Topic:
         return bool(status.matching)
 
     def put(self, payload: bytes, time_ns: int = 0) -> None:
-        """``time_ns``: what it is of, by the wall clock; 0: of now."""
+        """Publish a sample. ``time_ns`` is its time by the wall clock, or 0 for now."""
         self._seq += 1
         with calls:
             self._publisher.put(payload, attachment=_stamp(self._seq, time_ns))
 
 
 class Poll:
-    """Samples and questions that wait below the interpreter until they are taken; of a flood the
-    newest ``keep`` remain of each."""
+    """Samples and questions that wait in zenoh until they are taken. In a flood the newest ``keep`` of each
+    remain."""
 
     def __init__(self, subscriber: Any, queryable: Any) -> None:
         both = ((subscriber, _received), (queryable, _question))
@@ -110,13 +123,15 @@ class Poll:
         for ring, read in self._rings:
             waiting = ring.try_recv()
             if waiting is not None:
-                self._rings.reverse()  # a flood of the one keeps none of the other
+                # The rings take turns, so that a flood of samples does not block questions, and the other way
+                # round.
+                self._rings.reverse()
                 return read(waiting)
         return None
 
 
 class PubSub:
-    """One session. Run ``run`` as long as handlers are to be called, in its loop."""
+    """One session. Run ``run`` in the loop in which the handlers are called."""
 
     def __init__(self, session: zenoh.Session) -> None:
         self._session = session
@@ -136,7 +151,7 @@ class PubSub:
         connect: Sequence[str] = (),
         settings: Mapping[str, Any] | None = None,
     ) -> PubSub:
-        """Raise ``zenoh.ZError`` when it cannot listen, or a certificate cannot be used."""
+        """Open a session. Raise ``zenoh.ZError`` if it cannot listen, or if a certificate cannot be used."""
         return cls(await trio.to_thread.run_sync(open_session, config(listen, connect, settings)))
 
     def close(self) -> None:
@@ -149,18 +164,18 @@ class PubSub:
 
     @property
     def connections(self) -> int:
-        """Return how many others this session is connected to."""
+        """Return the number of peers and routers that this session is connected to."""
         info = self._session.info
         return len(info.peers_zid()) + len(info.routers_zid())
 
     @property
     def names(self) -> set[str]:
-        """Return the names in the certificates of those it is connected to; empty for one
-        without."""
+        """Return the names in the certificates of the connected peers. A peer without a certificate has an
+        empty name."""
         return {link.auth_identifier or "" for link in self._session.info.links()}
 
     async def run(self, task_status: trio.TaskStatus[None] = trio.TASK_STATUS_IGNORED) -> None:
-        """Until the session is closed."""
+        """Call the handlers until the session is closed."""
         task_status.started()
         while not self._closed:
             await self._waker.wait()
@@ -176,8 +191,8 @@ class PubSub:
     # -- out
 
     def topic(self, key: str, schema: str, encoding: str = JSON) -> Topic:
-        """``schema``: named in the encoding, as ``application/json;<schema>``. One a key, whoever
-        asks."""
+        """Return the topic of a key, declaring it at first use. The encoding names the schema, as
+        ``application/json;<schema>``."""
         if key not in self._topics:
             publisher = self._session.declare_publisher(
                 key,
@@ -189,8 +204,8 @@ class PubSub:
         return self._topics[key]
 
     def put(self, key: str, payload: bytes, schema: str) -> None:
-        """One urgent sample: a command, an answer. Never kept for those who come later. From any
-        thread."""
+        """Publish one urgent sample, such as a command or an answer. zenoh does not keep it for later
+        subscribers. It may be called from any thread."""
         with calls:
             if ready := self._ready.get(key):
                 ready.put(payload, attachment=_stamp(1))
@@ -198,13 +213,13 @@ class PubSub:
                 self._session.put(key, payload, encoding=_encoding(schema), attachment=_stamp(1), **_URGENT)
 
     def put_frame(self, key: str, frame: bytes) -> bool:
-        """Send one urgent sample of bytes that say themselves what they are. Return whether it
-        could be sent."""
+        """Publish one urgent sample without an encoding. Return True if it could be sent."""
         try:
             with calls:
                 self._session.put(key, frame, **_URGENT)
         except zenoh.ZError:
-            return False  # no key at all, or the session is closed
+            # The key is invalid, or the session is closed.
+            return False
         return True
 
     def ask(self, key: str, payload: bytes, schema: str, handler: Callable[[Received], None]) -> None:
@@ -229,12 +244,13 @@ class PubSub:
         )
 
     def get_ready(self, key: str, schema: str) -> None:
-        """To ``put`` there, in half the time (0.1 ms, when it is seldom done)."""
+        """Declare a publisher for ``put`` on this key, which then takes half the time (0.1 ms for rare
+        samples)."""
         if key not in self._ready:
             self._ready[key] = self._session.declare_publisher(key, encoding=_encoding(schema), **_URGENT)
 
     def declare_token(self, key: str) -> None:
-        """There for as long as this session is."""
+        """Declare a liveliness token, which stays as long as this session."""
         if key not in self._tokens:
             self._tokens[key] = self._session.liveliness().declare_token(key)
 
@@ -247,22 +263,27 @@ class PubSub:
         keep: int = 256,
         at_once: Callable[[Received], object] | None = None,
     ) -> None:
-        """Call ``handler`` in the loop, instead of the one that had this key before. At most
-        ``keep`` samples wait, the newest; keys are looked at in the order in which they were
-        subscribed to.
+        """Call a handler in the loop for each sample. It replaces an earlier handler of this key.
 
-        ``at_once``: called before, in zenoh's own thread, whatever the loop does; it must neither
-        wait nor raise. What it gives is the sample's ``done``. Unless that is None the loop is
-        woken ``AWAY_S`` later."""
+        Keys are handled in the order in which they were subscribed to.
+
+        Args:
+            key: The key to subscribe to.
+            handler: Called in the loop.
+            keep: The most samples that wait. Older ones are dropped.
+            at_once: Called first, on zenoh's own thread, whatever the loop does. It must neither wait nor
+                raise. Its result is the sample's ``done``. Unless that is None, the loop is woken ``AWAY_S``
+                later.
+        """
         self._listen(key, handler, keep, lambda into: self._session.declare_subscriber(key, into), at_once)
 
     def watch_tokens(self, key: str, handler: Callable[[Received], None], keep: int = 1024) -> None:
-        """Call ``handler`` for each token that is there, comes or goes."""
+        """Call ``handler`` for each liveliness token that exists, appears or goes."""
         liveliness = self._session.liveliness()
         self._listen(key, handler, keep, lambda into: liveliness.declare_subscriber(key, into, history=True))
 
     def poll(self, keep: int, samples: str = "", questions: str = "") -> Poll:
-        """Of the samples that are put on one key, and the questions that are asked on another."""
+        """Return a poll of the samples on one key and of the questions on another."""
         keys = samples, questions
         if keys not in self._polls:
             ring = zenoh.handlers.RingChannel
@@ -280,9 +301,9 @@ class PubSub:
         declare: Callable[[Any], Any],
         at_once: Callable[[Received], object] | None = None,
     ) -> None:
-        known = self._inboxes.get(key)
-        if known is not None:
-            known.handler, known.at_once = handler, at_once
+        existing = self._inboxes.get(key)
+        if existing is not None:
+            existing.handler, existing.at_once = handler, at_once
             return
         inbox = self._inboxes[key] = _Inbox(handler, keep, at_once)
 
@@ -291,7 +312,7 @@ class PubSub:
                 time.sleep(AWAY_S)
             self._waker.wake()
 
-        # Not indirect: that would be a Python thread, which outlives a script that has crashed.
+        # An indirect callback would own a Python thread, which outlives a crashed script.
         inbox.subscriber = declare(callback(arrived))
 
 
@@ -302,10 +323,11 @@ class _Inbox:
         self.handler = handler
         self.at_once = at_once
         self.samples: deque[zenoh.Sample | Received] = deque(maxlen=keep)
-        self.subscriber: Any = None  # what nobody refers to is undeclared
+        # zenoh undeclares a subscriber that is no longer referenced.
+        self.subscriber: Any = None
 
     def take(self, sample: zenoh.Sample) -> bool:
-        """On zenoh's thread. Whether something was done at once."""
+        """Store a sample, on zenoh's thread. Return True if ``at_once`` has started something."""
         if self.at_once is None:
             self.samples.append(sample)
             return False

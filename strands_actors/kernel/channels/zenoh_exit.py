@@ -45,7 +45,7 @@ class _Calls:
 
     def __init__(self) -> None:
         self.under_way: deque[None] = deque()
-        """One entry a call. To append and to pop are atomic, to add to a number is not."""
+        """One entry for each call. Appending and popping are atomic, adding to a number is not."""
         self.leaving_thread = 0
         self._parked = threading.Lock()
         self._parked.acquire()

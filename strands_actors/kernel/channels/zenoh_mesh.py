@@ -1,12 +1,18 @@
-"""The mesh over zenoh: pub/sub inboxes with a correlation id (half the latency of query and reply).
+"""The mesh over zenoh: pub/sub inboxes with a correlation id (half the latency of zenoh's queries).
 
-Every node listens on its own unix socket and connects to those it is told of. Nothing here is
-cached or replayed.
+Every node listens on its own unix socket and connects to the sockets that it is given. No message is cached or
+replayed.
 
-Two traps shape this file. A subscriber with an ordinary Python callback owns a Python thread that
-keeps a crashed process hanging, its liveliness token alive: ``Callback(indirect=False)`` has no
-such thread. And a callback runs on zenoh's thread: it appends to a deque and writes an eventfd, or
-releases the thread that waits for this very answer, nothing else.
+Two facts about zenoh shape this file:
+
+* A subscriber with an ordinary Python callback owns a Python thread. That thread keeps a crashed process
+  hanging, with its liveliness token alive. ``Callback(indirect=False)`` has no such thread.
+* A callback runs on zenoh's thread. It only appends to a deque and writes an eventfd, or wakes the thread that
+  waits for this very answer.
+
+Theory. Each hosted address has a liveliness token, ``<address>/alive``. An address can be reached if its token
+is there. The tokens count, not the subscriptions, since any process may subscribe to a key. When a token goes,
+all asks to its address fail, after the frames that its process sent before have been read.
 """
 
 from __future__ import annotations
@@ -33,24 +39,32 @@ from .zenoh_session import ANSWERED_S, Waker, config, known_by, unix_endpoint
 
 _WAKE_BATCH = 512
 _PUBLISHERS = 32
-"""Kept ready; of more addresses than that (askers come and go) the oldest is declared anew when
-needed."""
+"""The number of publishers that are kept. Askers come and go, so beyond this number the oldest one is dropped,
+and declared again when needed."""
 
 EVERYBODY = f"{PREFIX}/**/alive"
-"""The tokens of all actors and nodes."""
+"""The key of the tokens of all actors and nodes."""
 
 
 class Gone(NamedTuple):
-    """Its token has gone. In the queue of the frames: what it had sent before is read before."""
+    """The token of an address has gone.
+
+    This waits in the queue of the frames, so that all earlier frames are read first.
+    """
 
     address: str
 
 
 class ZenohMesh:
-    """One session of one process. ``attach`` a node, then run ``run`` as long as the node lives."""
+    """One session of one process. Call ``attach`` with a node, then run ``run`` as long as the node lives."""
 
     def __init__(self, session: zenoh.Session, main: ZenohMesh | None = None) -> None:
-        """``main``: the session whose ``run`` carries what comes in by this one, too."""
+        """Use an open session.
+
+        Args:
+            session: The session.
+            main: The session with the ``run`` that also handles the frames of this one.
+        """
         self.channel: Channel | None = None
         self._session = session
         self._pid = os.getpid()
@@ -62,12 +76,12 @@ class ZenohMesh:
         self._publishers: dict[tuple[str, bool], zenoh.Publisher] = {}
         self._subscribers: dict[str, Any] = {}
         self._alive: set[str] = set()
-        """Actors and nodes that somebody hosts. By their tokens, not by who subscribes to their
-        keys: anybody may listen there."""
+        """The addresses of actors and nodes that have a token. Subscriptions do not count, since any process
+        may subscribe."""
         self._tokens: Any = None
         self._private: set[str] = set()
         self._threads: ThreadAsks | None = None
-        self._asked: dict[tuple[str, bool], zenoh.Publisher] = {}  # by address, and whether it is urgent
+        self._asked: dict[tuple[str, bool], zenoh.Publisher] = {}  # by address, and True for urgent messages
         self.node: Node
         opened(self)
 
@@ -79,17 +93,31 @@ class ZenohMesh:
         settings: Mapping[str, Any] | None = None,
         secret: str = "",
     ) -> ZenohMesh:
-        """Open a session (in a worker thread: it blocks for some 10 ms). ``settings``: zenoh's own,
-        by path. ``secret``: see ``known_by``."""
+        """Open a session, in a worker thread, since it blocks for some 10 ms.
+
+        Args:
+            listen: Endpoints to listen on.
+            connect: Endpoints to connect to.
+            settings: Further settings, by zenoh's own path.
+            secret: The secret of the tree (``known_by``).
+        """
         return cls(await _open(listen, connect, settings, secret))
 
     async def let_guests_in(
         self, listen: Sequence[str], channel: Channel, addresses: Sequence[str], show: str
     ) -> None:
-        """Beside this session another one, for who does not know the secret of this. They reach
-        these actors of the node, by ``channel``, and are answered; what this session carries they
-        do not hear. ``show``: where they are told who tells whom what, if they listen: names and
-        types."""
+        """Open a second session, for guests that do not know the secret of this one.
+
+        Guests can send to the given actors of the node and get answers. They do not receive the messages of
+        this session.
+
+        Args:
+            listen: Endpoints for guests.
+            channel: The permissions of guests.
+            addresses: The actors that they reach.
+            show: The key on which both sessions publish the trace (sender, receiver and type of every message)
+                while a process subscribes to it.
+        """
         guests = self._guests = ZenohMesh(await _open(listen), self)
         guests.channel, guests.node = channel, self.node
         guests._look_for(EVERYBODY)
@@ -98,13 +126,20 @@ class ZenohMesh:
         self._shown = guests._shown = guests._session.declare_publisher(show)
 
     def let_in(self, node: Node, address: str) -> None:
-        """Instead of ``attach``: who joins this session reaches one actor of ``node``, and is
-        answered. The node itself sends nothing this way."""
+        """Let peers of this session reach one actor of ``node`` and get answers.
+
+        This replaces ``attach``. The node itself sends nothing over this session.
+        """
         self.node = node
         self.announce(address, True)
 
     def attach(self, node: Node, tokens: str = EVERYBODY) -> None:
-        """``tokens``: of whom it may reach, where access rules do not let it see all."""
+        """Make this the mesh of a node, and announce its actors.
+
+        Args:
+            node: The node of this process.
+            tokens: The key of the tokens to watch. A session with access rules may not be permitted to see all.
+        """
         self.node = node
         node.mesh = self
         self._look_for(tokens)
@@ -116,19 +151,21 @@ class ZenohMesh:
         self._tokens = self._session.liveliness().declare_subscriber(tokens, callback(self._on_token), history=True)
 
     def ask_privately(self, address: str) -> None:
-        """From now on what is told and asked there, by threads too, is a zenoh query, on a key that ends
-        with this node's name: neither that nor the answer is heard by anybody else, whoever
-        listens."""
+        """Send all further messages to this address as zenoh queries, also those of threads.
+
+        The key of a query ends with the name of this node. Other processes receive neither the query nor its
+        answer, even if they subscribe to every key.
+        """
         self._private.add(address)
 
     def serve_threads(self) -> None:
-        """From now on threads of this process may ``ask``."""
+        """Let threads of this process call ``ask`` from now on."""
         threads = self._threads = ThreadAsks(f"{self.node.address}/threads")
 
         self._subscribers[threads.reply_to] = (self._subscribe(threads.reply_to, self._on_answer),)
 
     async def run(self, task_status: trio.TaskStatus[None] = trio.TASK_STATUS_IGNORED) -> None:
-        """Carry frames from zenoh's thread into the node's loop."""
+        """Hand frames from zenoh's thread to the node, in its loop."""
         urgent, inbox = self._urgent, self._inbox
         task_status.started()
         while True:
@@ -157,7 +194,8 @@ class ZenohMesh:
 
     def send(self, to: str, data: bytes, descriptors: tuple[int, ...] = (), urgent: bool = False) -> bool:
         if self._pid != os.getpid():
-            return False  # a fork has the session without its threads
+            # A fork has the session without its threads.
+            return False
         try:
             with calls:
                 if to in self._private:
@@ -169,7 +207,8 @@ class ZenohMesh:
                         _show(self._shown, data)
                     return True
         except zenoh.ZError:
-            return False  # no key at all (a peer names where its answer goes), or the session is closed
+            # The address is no valid key (a peer chooses the address of its answer), or the session is closed.
+            return False
         return self._guests is not None and self._guests.send(to, data, descriptors, urgent)
 
     def _query(self, to: str, data: bytes, on_answer: Callable[[zenoh.Sample], None], urgent: bool) -> bool:
@@ -192,9 +231,9 @@ class ZenohMesh:
         return True
 
     def _publisher(self, to: str, urgent: bool) -> zenoh.Publisher:
-        known = self._publishers.get((to, urgent))
-        if known is not None:
-            return known
+        existing = self._publishers.get((to, urgent))
+        if existing is not None:
+            return existing
         if "*" in to:
             raise zenoh.ZError(f"{to} is not one address")
         if len(self._publishers) >= _PUBLISHERS:
@@ -203,9 +242,12 @@ class ZenohMesh:
         return publisher
 
     def _declare(self, to: str, urgent: bool) -> zenoh.Publisher:
-        """Messages of one sender and lane keep their order. None is dropped when a queue is full: a
-        stop is among them, and waits for no batch (express; of the others three times as many cross
-        a second without)."""
+        """Declare a publisher.
+
+        Messages of one sender and lane keep their order. No message is dropped when a queue is full, since a
+        stop may be among them. Urgent messages wait for no batch (express). The others do, which lets three
+        times as many through per second.
+        """
         return self._session.declare_publisher(
             to,
             congestion_control=zenoh.CongestionControl.BLOCK,
@@ -224,15 +266,14 @@ class ZenohMesh:
         decode: Callable[[msgspec.Raw], Message | None],
         deadline_s: float,
     ) -> Message | None:
-        """From any thread, which waits: see ``Ref.ask_here``."""
+        """Send a request and wait for the answer, from any thread except the loop's (``Ref.ask_here``)."""
         if self._threads is None:
             raise RuntimeError("serve_threads() was not called")
         put = partial(self._put_question, message.lane == "urgent")
         return self._threads.ask(put, to, sender, message, decode, deadline_s)
 
     def forget(self, to: str, why: str) -> None:
-        """Threads ask nothing of the actor at ``to`` any more; those that wait for it are told
-        ``why``."""
+        """Stop all requests of threads to ``to``. Waiting threads get ``why``."""
         for urgent in (False, True):
             publisher = self._asked.pop((to, urgent), None)
             if publisher is not None:
@@ -248,7 +289,8 @@ class ZenohMesh:
                 if to not in self._alive:
                     return False
                 publisher = self._asked.get((to, urgent))
-                if publisher is None:  # two threads at once may make two: one of them is kept
+                # Two threads at a time may declare two. One of them is kept.
+                if publisher is None:
                     publisher = self._asked[to, urgent] = self._declare(to, urgent)
                 publisher.put(data)
         except zenoh.ZError:
@@ -274,7 +316,7 @@ class ZenohMesh:
         self._waker.wake()
 
     def _on_answer(self, sample: zenoh.Sample) -> None:
-        """To a thread that has asked."""
+        """Hand an answer to the thread that waits for it."""
         if self._threads is not None:
             self._threads.take(sample.payload.to_bytes())
 
@@ -286,7 +328,8 @@ class ZenohMesh:
         self._alive.discard(address)
         if self._threads is not None:
             self._threads.fail(address, went_away(address))
-        if self.node.mesh is self:  # of guests' words none is believed
+        # A token of the session for guests proves nothing.
+        if self.node.mesh is self:
             self._inbox.append((self, Gone(address)))
             self._waker.wake()
 
@@ -294,24 +337,28 @@ class ZenohMesh:
 async def _open(
     listen: Sequence[str], connect: Sequence[str] = (), settings: Mapping[str, Any] | None = None, secret: str = ""
 ) -> zenoh.Session:
-    stamped = {"timestamping/enabled": {"peer": True}}  # 0.2 us: who listens sees how old a message is
+    # A timestamp lets a receiver see the age of a message. It costs 0.2 us.
+    stamped = {"timestamping/enabled": {"peer": True}}
     with known_by(secret) as known:
         configured = config(listen, connect, {**stamped, **known, **(settings or {})})
         return await trio.to_thread.run_sync(open_session, configured)
 
 
 def _show(shown: zenoh.Publisher, data: bytes) -> None:
-    """A frame without what it says: there may be a lease in it."""
+    """Publish the outline of a frame. The content is left out because it may hold a lease."""
     status: Any = shown.matching_status  # the stubs say bool
-    if status.matching and (told := outline(data)) is not None:
-        shown.put(told)
+    if status.matching and (content := outline(data)) is not None:
+        shown.put(content)
 
 
 _URGENT = zenoh.Priority.REAL_TIME
 
 
 def _is_heard(address: str, publisher: zenoh.Publisher) -> bool:
-    """Return whether this is an address for answers, which has no token: nobody else asks there."""
+    """Return True if this is the address of a node, for answers, and a process subscribes to it.
+
+    Such an address may have no token. No process sends requests to it.
+    """
     if not address.startswith(f"{PREFIX}/node/"):
         return False
     status: Any = publisher.matching_status  # the stubs say bool
@@ -319,7 +366,8 @@ def _is_heard(address: str, publisher: zenoh.Publisher) -> bool:
 
 
 def asked_key(address: str, who: str) -> str:
-    """Return the key on which ``who`` asks the actor there. Access rules let nobody ask in another's name."""
+    """Return the key on which ``who`` sends requests to an actor. Access rules prevent that a process uses the
+    key of another one."""
     return f"{address}/from/{who}"
 
 

@@ -1,8 +1,8 @@
-"""What every zenoh session of ours has in common: a closed configuration, and a wake-up for the
-loop. How sessions end stands in ``zenoh_exit``.
+"""Common parts of all zenoh sessions: a closed configuration, and a wake-up of the loop.
 
-Loopback only: unless told otherwise a session listens on unix sockets in a directory of the user's
-own. No multicast, no gossip: nobody is found who was not named.
+``zenoh_exit`` describes how sessions end. By default a session uses loopback only: it listens on unix sockets
+in a directory of the user. There is no multicast and no gossip, so a session connects only to peers that are
+named.
 """
 
 from __future__ import annotations
@@ -18,16 +18,23 @@ import trio
 import zenoh
 
 LEASE_MS = 1000
-"""Of the transport: a frozen peer is dropped after this long (zenoh's default is 10 s)."""
+"""Milliseconds after which the transport drops a frozen peer (zenoh's default is 10 s)."""
 ANSWERED_S = 3600.0
-"""No answer to a query comes later; who asks has a deadline of its own."""
+"""Timeout of a zenoh query, in seconds. The sender has a shorter deadline."""
 
 
 def config(
     listen: Sequence[str] = (), connect: Sequence[str] = (), more: Mapping[str, Any] | None = None
 ) -> zenoh.Config:
-    """Return the configuration of a closed peer: only these endpoints, retried quickly when they go
-    away. ``more``: settings by zenoh's own path, over these."""
+    """Return the configuration of a closed peer.
+
+    It uses only these endpoints, and connects again quickly when one goes away.
+
+    Args:
+        listen: Endpoints to listen on.
+        connect: Endpoints to connect to.
+        more: Further settings by zenoh's own path. They override the ones here.
+    """
     result = zenoh.Config()
     settings = {
         "mode": "peer",
@@ -38,19 +45,19 @@ def config(
         "connect/timeout_ms": -1,
         "connect/exit_on_failure": False,
         "connect/retry": {"period_init_ms": 20, "period_max_ms": 200, "period_increase_factor": 1.5},
-        # Opening does not wait for those it connects to: a frozen one would hold it up (0.5 s).
+        # Opening does not wait for the peers that it connects to. A frozen peer would delay it by 0.5 s.
         "open/return_conditions/connect_scouted": False,
-        # A frozen peer takes the connection and says nothing; close() would wait for it (zenoh: 10
-        # s).
+        # A frozen peer accepts the connection and then sends nothing. close() would wait for it (10 s by
+        # zenoh's default).
         "transport/unicast/open_timeout": LEASE_MS,
         "transport/link/tx/lease": LEASE_MS,
         "transport/link/tx/keep_alive": 4,
-        # A peer that reads nothing (frozen) may hold a sender up this long, in us; then it is cut
-        # off.
+        # A frozen peer, which reads nothing, may delay a sender by this many microseconds. Then it is
+        # disconnected.
         "transport/link/tx/queue/congestion_control/block/wait_before_close": 100_000,
-        # Commands and answers leave at once, each in a batch of its own. zenoh has room for one
-        # such batch: of five put in a row on a busy machine the third and those behind it were
-        # dropped. It takes 16 at most.
+        # Commands and answers leave at once, each in a separate batch. By default zenoh has room for one such
+        # batch: of five that were put in a row on a busy machine, it dropped the third and all later ones. It
+        # allows 16 at most.
         "transport/link/tx/queue/size/real_time": 16,
         "transport/shared_memory/enabled": False,
     }
@@ -60,10 +67,12 @@ def config(
 
 
 def hand_over() -> None:
-    """Have one of zenoh's threads do the work of four: an answer comes a quarter sooner. Before the
-    first session, and only in a process where nobody holds the interpreter's lock for long: a
-    callback that waits for it holds up what is sent as well, and after ``LEASE_MS`` of that the
-    others think this process is gone."""
+    """Let one thread of zenoh do the work of four: an answer then comes a quarter sooner.
+
+    Call it before the first session, and only in a process in which no thread holds the interpreter's lock for
+    long. A callback that waits for the lock also delays the sending of messages. After ``LEASE_MS`` of that,
+    the peers take this process for gone.
+    """
     os.environ.setdefault("ZENOH_RUNTIME", _ONE_RUNTIME)
 
 
@@ -72,13 +81,17 @@ _ONE_RUNTIME = "(net: (handover: app), tx: (handover: app), rx: (handover: app),
 
 @contextlib.contextmanager
 def known_by(secret: str) -> Iterator[dict[str, str]]:
-    """Settings of a session that opens within the block, and which lets in nobody who does not
-    know the secret, and joins nobody who does not ask for it. None for an empty one."""
+    """Yield the settings of a session that accepts only peers which know the secret.
+
+    The session must be opened within the block. It also joins only peers that ask for the secret. An empty
+    secret yields no settings.
+    """
     if not secret:
         yield {}
         return
     auth = "transport/auth/usrpwd"
-    with _in_memory(f"{_USER}:{secret}\n".encode()) as path:  # zenoh reads who may come in from a file
+    # zenoh reads the accepted users from a file.
+    with _in_memory(f"{_USER}:{secret}\n".encode()) as path:
         yield {f"{auth}/user": _USER, f"{auth}/password": secret, f"{auth}/dictionary_file": path}
 
 
@@ -87,7 +100,7 @@ _USER = "tree"
 
 @contextlib.contextmanager
 def _in_memory(data: bytes) -> Iterator[str]:
-    """A file that this process alone can open, by this path."""
+    """Yield the path of a file that only this process can open."""
     has_memory = hasattr(os, "memfd_create")  # macOS has not
     with open(os.memfd_create("known"), "w+b") if has_memory else tempfile.TemporaryFile() as file:
         file.write(data)
@@ -100,12 +113,12 @@ def unix_endpoint(path: str) -> str:
 
 
 def short(error: zenoh.ZError) -> str:
-    """Return what it says, without where in zenoh's source it says so."""
+    """Return the text of an error, without the place in zenoh's source."""
     return str(error).partition(" at /")[0]
 
 
 class Waker:
-    """From zenoh's threads into the loop: an eventfd, or a pipe where there is none (macOS)."""
+    """Wakes the loop from zenoh's threads, by an eventfd, or by a pipe where the system has no eventfd (macOS)."""
 
     def __init__(self) -> None:
         self._pending = False
@@ -117,19 +130,19 @@ class Waker:
             os.set_blocking(self._write_fd, False)
 
     def wake(self) -> None:
-        """From any thread."""
+        """Wake the loop. It may be called from any thread."""
         if not self._pending:
             self._pending = True
             os.write(self._write_fd, b"\1\0\0\0\0\0\0\0")
 
     async def wait(self) -> None:
         await trio.lowlevel.wait_readable(self._read_fd)
-        # Read, then clear the flag, and only then may the caller drain: in any other order a
-        # wake-up can be lost.
+        # Read, clear the flag, and only then let the caller drain its queue. In any other order a wake-up can
+        # be lost.
         os.read(self._read_fd, 8)
         self._pending = False
 
     def close(self) -> None:
-        """Nobody may wake it any more."""
+        """Close the descriptors. ``wake`` must not be called afterwards."""
         for fd in {self._read_fd, self._write_fd}:
             os.close(fd)

@@ -1,7 +1,7 @@
-"""Say in one sentence that this computer has more to do than it can do.
+"""Explain missed deadlines by the load of this computer.
 
-Deadlines are missed for two reasons: the peer does not answer, or this computer had no time. Who
-reads that a deadline was missed must be told of the second, or looks for a loose cable.
+A deadline is missed for two reasons: the peer does not answer, or this computer had no time. A message that
+does not name the second cause makes its reader look for a loose cable.
 """
 
 from __future__ import annotations
@@ -15,15 +15,20 @@ import msgspec
 from .processor import pressure
 
 LOAD_PER_CORE = 1.5
-"""Runnable threads per core, from which on a robot's processes wait for each other."""
+"""Runnable threads per core from which on a robot's processes wait for each other."""
 PRESSURE = 0.3
-"""Share of the last ten seconds in which something stood in line for a processor."""
+"""Share of the last ten seconds in which a thread waited for a processor."""
 
 
 class Machine(msgspec.Struct, frozen=True):
-    """How busy this computer is. ``load``: runnable threads, averaged over a minute. ``pressure``: the
-    share of the last ten seconds in which something waited for a processor, 0 to 1; None where the
-    system does not tell."""
+    """The load of this computer.
+
+    Attributes:
+        load: Runnable threads, averaged over a minute.
+        cores: Cores that this process may run on.
+        pressure: Share of the last ten seconds in which a thread waited for a processor, 0 to 1. None where the
+            system does not report it.
+    """
 
     load: float
     cores: int
@@ -37,7 +42,7 @@ class Machine(msgspec.Struct, frozen=True):
 
     @property
     def text(self) -> str:
-        """For people, whether it is busy or not."""
+        """The load for people, also if the computer is not busy."""
         waited = "" if self.pressure is None else f", {100 * self.pressure:.0f} % of the last 10 s waited for one"
         return f"load {self.load:.0f} on {self.cores} core{'s' * (self.cores != 1)}{waited}"
 
@@ -47,8 +52,7 @@ _assumed: Machine | None = None
 
 @contextlib.contextmanager
 def assumed(seen: Machine) -> Iterator[None]:
-    """Within the block this computer is as busy as ``seen``: for tests, and for virtual time, in which
-    no computer is busy."""
+    """Assume this load within the block, for tests and for virtual time."""
     global _assumed
     before, _assumed = _assumed, seen
     try:
@@ -58,12 +62,12 @@ def assumed(seen: Machine) -> Iterator[None]:
 
 
 def machine() -> Machine:
-    """Look at this computer, which takes some 20 us."""
+    """Measure the load of this computer. It takes some 20 us."""
     if _assumed is not None:
         return _assumed
     try:
         load = os.getloadavg()[0]
-    except OSError:  # the system does not tell
+    except OSError:  # the system does not report it
         load = 0.0
     return Machine(load, _cores(), pressure())
 
@@ -79,8 +83,10 @@ _SAID = "this computer is busy"
 
 
 def explained(why: str) -> str:
-    """Return why a deadline was missed. A computer that is too busy is named behind what happened,
-    before what to do."""
+    """Return the cause of a missed deadline, with the load if this computer is busy.
+
+    The load stands behind the first sentence, which describes the event, and before the remedy.
+    """
     seen = machine()
     if not seen.busy or _SAID in why:
         return why

@@ -1,18 +1,20 @@
-"""Has a peer process stopped answering, or has the machine stopped it?
+"""Decide whether a peer process is frozen, or was only kept from running by a busy machine.
 
-A process that stands still must be noticed within ``ttl_s``. But on a machine whose processors are
-all taken every process is silent now and then, and to end a healthy one for that would make a busy
-machine look like a broken robot. Two things tell them apart:
+Theory. A frozen process must be noticed within ``ttl_s``. But on a machine with all processors taken, every
+process is silent now and then. A detector that ended a healthy process for that would make a busy machine look
+like a broken robot. Two measurements tell the cases apart:
 
-* Our own ticks: the time since the one before counts for no more than ``MOST_TICKS`` periods. When
-  the whole machine paused, everybody was late and nobody is frozen.
-* The time the peer has stood in line for a processor, or its processor was taken from this virtual
-  machine, which does not count as silence. A process that waits for a lock does not stand in line;
-  one that spins mostly computes; one that is stopped stands nowhere, whatever the machine does. In
-  all never longer than ``longest_s``: what a peer does not say cannot be told from what it cannot
-  say for ever.
+* Our own ticks. The time since the previous tick counts for at most ``MOST_TICKS`` periods. When the whole
+  machine paused, all processes were late and no process is frozen.
+* The peer's use of the processor. Time does not count as silence while the peer waited for a processor, or
+  while its processor was taken from this virtual machine. A process that waits for a lock does not wait for a
+  processor. One that spins mostly computes. One that is stopped never waits for a processor, at any load.
 
-The peer is only looked at once half of its time is over: one that answers costs nothing.
+A silence of more than ``LONGEST_S`` (or ``ttl_s``, if that is longer) always counts. After that time a late
+message cannot be distinguished from one that never comes.
+
+The detector looks at the peer's use of the processor only after half of ``ttl_s``, so a peer that answers costs
+nothing.
 """
 
 from __future__ import annotations
@@ -26,13 +28,14 @@ from strands_actors.kernel.clock import NS
 from .processor import Standing
 
 LONGEST_S = 0.3
-"""Silent for so long is silent, whatever the machine was doing."""
+"""A silence of so many seconds always counts, also on a busy machine."""
 MOST_TICKS = 2
-"""A tick that comes later than this many periods was held up, as the peer may have been."""
+"""Periods of silence that one tick counts at most. If a tick comes later, this process was delayed, and the
+peer may have been, too."""
 
 
 class Heard(msgspec.Struct, frozen=True):
-    """What a ``FailureDetector`` remembers of its peer."""
+    """The memory of a ``FailureDetector`` about its peer."""
 
     heard_ns: int
     ticks: int
@@ -43,8 +46,13 @@ class Heard(msgspec.Struct, frozen=True):
 
 
 class FailureDetector:
-    """Of one peer, asked every ``tick_s``. ``look`` asks how it stands with the processor; None
-    where nobody can tell."""
+    """Watches one peer.
+
+    Args:
+        ttl_s: The longest silence.
+        tick_s: The period in which ``tick`` is called.
+        look: Returns the peer's use of the processor, or None where the system does not report it.
+    """
 
     def __init__(self, ttl_s: float, tick_s: float, look: Callable[[], Standing | None] = lambda: None) -> None:
         self._own_ticks = round(ttl_s / tick_s)
@@ -54,14 +62,14 @@ class FailureDetector:
         self._look = look
         self.heard_ns = 0
         self._ticks = 0
-        self._ticked_ns = 0  # our own last tick
-        self._counted_ns = 0  # of the silence, what counts by our own ticks
+        self._ticked_ns = 0  # the last tick of this process
+        self._counted_ns = 0  # the part of the silence that counts by our own ticks
         self._looked_ns = 0
         self._before: Standing | None = None
         self._after: Standing | None = None
 
     def heard(self, word_ns: int) -> bool:
-        """The peer's last word is from then; whether that is news."""
+        """Note the time of the peer's last heartbeat. Return True if it is newer than the previous one."""
         if word_ns <= self.heard_ns:
             return False
         self.heard_ns = word_ns
@@ -79,8 +87,10 @@ class FailureDetector:
         self._ticked_ns, self._counted_ns = memory.ticked_ns, memory.counted_ns
 
     def tick(self, now_ns: int) -> bool:
-        """Call at each own tick; True once the peer has been silent for too long. Never before its
-        first word."""
+        """Return True once the peer has been silent for too long. Call it at each tick.
+
+        It returns False before the first heartbeat of the peer.
+        """
         ticked_ns, self._ticked_ns = self._ticked_ns, now_ns
         if not self.heard_ns:
             return False
@@ -97,9 +107,11 @@ class FailureDetector:
         )
 
     def told(self, now_ns: int) -> str:
-        """For people, after the tick that found it silent for too long: how long, and what it did
-        since it was first looked at. A frozen one did nothing, one that spins computed, one that is
-        starved stood in line."""
+        """Describe the silence and its cause for people. Call it after ``tick`` has returned True.
+
+        The text has the time that the peer computed and waited for a processor since ``look`` was first called.
+        A frozen peer did neither, one that spins computed, and a starved one waited.
+        """
         text = f"silent for {(now_ns - self.heard_ns) / 1e6:.0f} ms"
         before, after = self._before, self._after
         if before is None or after is None:
@@ -116,7 +128,7 @@ class FailureDetector:
         return text
 
     def _kept_ns(self, now_ns: int) -> int:
-        """So long since it was first looked at, it was kept from answering."""
+        """Return how long the machine kept the peer from running since the first look."""
         before, after = self._before, self._after
         if before is None or after is None or after.stopped:
             return 0
@@ -124,11 +136,13 @@ class FailureDetector:
 
     def _stood_in_line_ns(self, now_ns: int, before: Standing, after: Standing) -> int:
         waited_ns = after.waited_ns - before.waited_ns
-        if after.ready:  # the wait it is in is not yet counted
+        # The system has not counted the present wait yet.
+        if after.ready:
             waited_ns = max(waited_ns, now_ns - self._looked_ns - (after.computed_ns - before.computed_ns))
         return waited_ns
 
 
 def _stolen_ns(before: Standing, after: Standing) -> int:
-    """From the processor that lost most: which one its timer is on, nobody tells."""
+    """Return the time that was taken from the processor that lost most. The system does not report on which
+    processor the timer of the peer is."""
     return max((now - then for then, now in zip(before.stolen_ns, after.stolen_ns, strict=False)), default=0)

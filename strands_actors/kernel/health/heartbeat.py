@@ -1,10 +1,9 @@
-"""A page of memory that the processes of a tree share, in which each notes when it last beat.
+"""A page of shared memory in which each process of a tree notes its last heartbeat.
 
-A heartbeat says one thing, and only the newest counts; as a message it cost two system calls, a
-wake-up and a decoding, 250 times a second each way for legs: 8 % of what their wire computed, a
-fifth of what their root did. Here it is one store, and one load when the other looks, which it does
-at each tick anyway. A process that is frozen, spins or is dead stores nothing, and what it stored
-last grows old by itself.
+Only the newest heartbeat counts. As a message it cost two system calls, a wake-up and a decoding, 250 times a
+second each way for legs: 8 % of the computing of their wire process, a fifth of that of their root. Here it is
+one store, and one load when the other process looks, which it does at each tick anyway. A process that is
+frozen, spins or has ended stores nothing, so its last heartbeat grows old.
 """
 
 from __future__ import annotations
@@ -16,12 +15,13 @@ import tempfile
 
 PLACES = 9
 _ROOM = 8
-"""Words of 8 bytes between two places: a cache line each. An aligned word is stored as a whole."""
+"""Words of 8 bytes between two places, so that each has its own cache line. An aligned word is stored as a
+whole."""
 _BYTES = PLACES * _ROOM * 8
 
 
 class Word:
-    """One number on a page, of 64 bits with a sign. At first 0."""
+    """One number on a page, of 64 bits with a sign. It begins as 0."""
 
     __slots__ = ("_at", "_words")
 
@@ -38,12 +38,12 @@ class Word:
 
 
 class Heartbeat:
-    """One end of two. Times are nanoseconds of the host's monotonic clock; 0: never."""
+    """One end of a pair of heartbeats. Times are nanoseconds of the host's monotonic clock; 0 means never."""
 
     __slots__ = ("_other", "_own", "_words")
 
     def __init__(self, words: memoryview, own: int, other: int) -> None:
-        """``own``, ``other``: places on the page."""
+        """Use two places on a page."""
         self._words = words
         self._own = own * _ROOM
         self._other = other * _ROOM
@@ -53,17 +53,17 @@ class Heartbeat:
 
     @property
     def heard_ns(self) -> int:
-        """When the other end last beat."""
+        """The time of the other end's last heartbeat."""
         heard_ns: int = self._words[self._other]
         return heard_ns
 
     def forget(self) -> None:
-        """The other end is another process from now on."""
+        """Forget the last heartbeat, because the other end is a new process."""
         self._words[self._other] = 0
 
 
 def new_page() -> int:
-    """Return a descriptor that child processes are given."""
+    """Make a page and return its descriptor, which is passed to child processes."""
     if sys.platform == "linux":
         fd = os.memfd_create("heartbeat")
     else:
@@ -74,7 +74,7 @@ def new_page() -> int:
 
 
 def words_of(fd: int) -> memoryview:
-    """Return the page that a descriptor gives; it may be closed afterwards."""
+    """Map the page of a descriptor, which may be closed afterwards."""
     return memoryview(mmap.mmap(fd, _BYTES)).cast("q")
 
 

@@ -1,7 +1,6 @@
-"""What the system says of a thread and the processor: has it computed, has it stood in line, is it
-asleep?
+"""Read how a thread uses the processor: does it compute, wait for a processor, or sleep?
 
-Linux tells; elsewhere (macOS) the answer is None, and who asks goes by silence alone.
+Linux reports it. Elsewhere (macOS) the answer is None, and the caller has to decide by silence alone.
 """
 
 from __future__ import annotations
@@ -14,12 +13,12 @@ from typing import NamedTuple
 import msgspec
 
 CAN_TELL = os.path.exists("/proc/self/stat")
-"""Whether this system tells of other processes."""
+"""True if this system reports on other processes."""
 _STOPPED = (b"T", b"t")
 _FLUSHES = ("__flush_work", "flush_work")
-"""The kernel's functions that wait until its workers have handed on what was received; the name
-differs by version."""
-_STEAL = 8  # the column, behind the processor's name
+"""The functions of the kernel that wait until its workers have delivered received data. The name differs by
+version."""
+_STEAL = 8  # column of /proc/stat, behind the processor's name
 _FLAGS, _SIGNALS = 6, 28  # columns of /proc/pid/stat, behind the name
 _EXITING = 0x4  # PF_EXITING of the kernel's sched.h
 _STAT_BYTES = 4096
@@ -27,25 +26,31 @@ _JIFFY_NS = 1_000_000_000 // os.sysconf("SC_CLK_TCK")
 
 
 class Standing(msgspec.Struct, frozen=True, gc=False):
-    """Totals since the thread began."""
+    """The use of the processor by a thread, in totals since it began."""
 
     computed_ns: int
-    waited_ns: int  # ready to run, and no processor free; counted when the wait is over
-    ready: bool  # it, or a worker of the kernel that it waits for, runs, or would if there were a processor
+    waited_ns: int  # ready to run without a free processor; counted when the wait is over
+    # True if the thread runs or waits for a processor, or a worker of the kernel that it waits for does.
+    ready: bool
     stopped: bool = False  # by a signal or a debugger
-    stolen_ns: tuple[int, ...] = ()  # per processor, by the machine beneath this virtual one: see ``suspected``
+    # Per processor: time taken by the host of this virtual machine (``suspected``).
+    stolen_ns: tuple[int, ...] = ()
 
 
 class Life(NamedTuple):
-    """Of a process, by its main thread. Both false where the system does not tell, or the process
-    is gone."""
+    """The state of a process, from its main thread. Both are False where the system does not report it, or if
+    the process is gone."""
 
     stopped: bool = False  # by a signal or for a debugger
-    dying: bool = False  # killed, or on its way out: it needs a processor to end, and runs no code of its own
+    # Killed or exiting. The process needs a processor to end, but runs no more of its code.
+    dying: bool = False
 
 
 def life_of(pid: int) -> Life:
-    """Source: proc(5), /proc/pid/stat: the state, the flags and the pending signals."""
+    """Return the state of a process.
+
+    Source: proc(5), /proc/pid/stat: the state, the flags and the pending signals.
+    """
     try:
         with open(f"/proc/{pid}/stat", "rb") as stat:
             return _life(stat.read())
@@ -54,12 +59,11 @@ def life_of(pid: int) -> Life:
 
 
 class StatFile:
-    """The state of another process, from a file that is kept open: who has no free descriptor can
-    still read it."""
+    """Reads the state of another process from a file that is kept open, so that it needs no free descriptor."""
 
     def __init__(self, pid: int) -> None:
         self._fd: int | None = None
-        with contextlib.suppress(OSError):  # no such process, or a system that does not tell
+        with contextlib.suppress(OSError):  # no such process, or a system that does not report it
             self._fd = os.open(f"/proc/{pid}/stat", os.O_RDONLY | os.O_CLOEXEC)
 
     def __del__(self) -> None:
@@ -83,13 +87,16 @@ def _life(stat: bytes) -> Life:
 
 
 def is_stopped(pid: int) -> bool:
-    """Return whether the system has stopped a process."""
+    """Return True if the system has stopped a process."""
     return life_of(pid).stopped
 
 
 def standing(pid: int, thread: int | None = None) -> Standing | None:
-    """Of a process's main thread, or of the given one. None where the system does not tell, or it
-    is gone. Source: sched-stats.rst and proc(5) of the kernel's documentation."""
+    """Return the use of the processor by a thread, by default the main one.
+
+    None where the system does not report it, or if the thread is gone. Source: sched-stats.rst and proc(5) of
+    the kernel's documentation.
+    """
     task = f"/proc/{pid}/task/{pid if thread is None else thread}"
     try:
         with open(f"{task}/schedstat", "rb") as schedstat, open(f"{task}/stat", "rb") as stat:
@@ -102,17 +109,20 @@ def standing(pid: int, thread: int | None = None) -> Standing | None:
 
 
 def _awaits_worker(task: str) -> bool:
-    """Return whether a thread that cannot be interrupted waits for the kernel's workers (see
-    ``kernel_workers``), rather than for a device."""
+    """Return True if an uninterruptible thread waits for the kernel's workers (``kernel_workers``), and not for
+    a device."""
     with open(f"{task}/wchan") as wchan:
         return wchan.read() in _FLUSHES
 
 
 def suspected(pid: int) -> Standing | None:
-    """Of the main thread of a process that has fallen silent, with what the hypervisor took from
-    each processor. A thread that sleeps on a processor that was taken away is not woken by its
-    timer: it looks frozen, and is not. Counted in steps of 10 ms, since the machine started; zero
-    on one that is not virtual. Source: proc_stat(5)."""
+    """Return the use of the processor by a silent process, with the time that the hypervisor took from each
+    processor.
+
+    A thread that sleeps on a processor that was taken away is not woken by its timer. It looks frozen and is
+    not. The time is counted in steps of 10 ms since the machine started, and is zero on a machine that is not
+    virtual. Source: proc_stat(5).
+    """
     now = standing(pid)
     return None if now is None else msgspec.structs.replace(now, stolen_ns=_stolen_ns())
 
@@ -124,13 +134,15 @@ def _stolen_ns() -> tuple[int, ...]:
 
 
 def _state(stat: bytes) -> bytes:
-    """Return the letter behind the name, which may hold anything."""
+    """Return the letter behind the name, which may contain any characters."""
     return stat.rpartition(b")")[2].split(None, 1)[0]
 
 
 def pressure() -> float | None:
-    """For how much of the last 10 s something of this machine stood in line for a processor: 0 to 1.
-    None where the system does not tell. Source: psi.rst of the kernel's documentation."""
+    """Return the share of the last 10 s in which a thread of this machine waited for a processor, 0 to 1.
+
+    None where the system does not report it. Source: psi.rst of the kernel's documentation.
+    """
     try:
         with open("/proc/pressure/cpu") as lines:
             return float(lines.readline().split("avg10=")[1].split()[0]) / 100

@@ -1,10 +1,11 @@
-"""A process that runs before others and stays in memory: SCHED_FIFO and mlockall, where the system
-grants them.
+"""Give a process real-time priority and keep it in memory: SCHED_FIFO and mlockall, where the system permits.
 
-On a busy machine an ordinary process waits up to 28 ms for its turn, and far longer when its memory
-has to be read from disk first; one of these waits 0.15 ms. It needs a second core, since a process
-that spins keeps the core it is on. It does not keep it for long: who computes for ``SPELL_S``
-without once waiting becomes an ordinary process again.
+On a busy machine an ordinary process waits up to 28 ms for its turn, and far longer when its memory must first
+be read from disk. A process with real-time priority waits 0.15 ms. It needs a second core, since a process that
+spins keeps its core. A process that computes for ``SPELL_S`` without waiting once becomes an ordinary process
+again.
+
+The priorities follow one rule: a process that must be able to end another one has a higher priority.
 """
 
 from __future__ import annotations
@@ -20,27 +21,30 @@ from collections.abc import Iterator
 from types import FrameType
 
 STANDBY_PRIORITY = 13
-"""Above both, which it has to be able to end. It does next to nothing as long as one of them
-lives."""
+"""Above the root and the wire, since the standby must be able to end both. It does almost nothing while one of
+them runs."""
 ROOT_PRIORITY = 12
 WIRE_PRIORITY = 11
-"""Below the root, which has to be able to end it."""
+"""Below the root, which must be able to end the wire."""
 KERNEL_PRIORITY = 10
-"""Of the kernel's workers (see ``kernel_workers``): they also write files, for which nothing that
-keeps a robot safe is to wait."""
+"""Of the kernel's workers (see ``kernel_workers``). They also write files, and a process that keeps a robot
+safe must not wait for that."""
 TWIN_PRIORITY = 9
-"""The robot has a computer of its own. It computes most: the bytes between the two come first.
+"""A real robot has a separate computer, so its twin runs before ordinary programs. The twin computes most, so
+it stands below the workers that carry the bytes.
 
-An ordinary process with nine times the share (nice -10) takes no core from the caller: a
-``send_action`` takes a third less. But where a wire process ends on its core, it waits: of the
-Go2's and G1's trials ten times as many were late because of the machine."""
+An ordinary process with nine times the share (nice -10) would take no core from the caller: a ``send_action``
+takes a third less. But where a wire process ends on the twin's core, the twin waits: of the trials of Go2 and
+G1, ten times as many were late because of the machine.
+"""
 
 SPELL_S = 0.5
-"""Longer than any process of a tree computes at a time. The failure detectors end who is silent for
-0.1 to 0.3 s before that; this is for when nobody is left to do so."""
+"""Seconds of computing after which a process loses its priority. It is longer than any process of a tree
+computes at a time. Failure detectors end a silent process after 0.1 to 0.3 s. This limit is for the case
+that no process is left to do so."""
 LAST_S = 2.0
-"""The kernel ends a process that computes for so long and cannot take a signal: a C library that
-keeps the interpreter."""
+"""Seconds of computing after which the kernel ends a process that cannot take a signal, such as one in a C
+library that keeps the interpreter."""
 
 _MCL_CURRENT, _MCL_FUTURE, _MCL_ONFAULT = 1, 2, 4  # mman.h of Linux
 
@@ -49,8 +53,10 @@ _locked = False
 
 
 def run_first(priority: int) -> None:
-    """Ask for both; ``scheduling`` and ``memory`` say what was granted. Call it in the main thread,
-    with everything imported."""
+    """Request real-time priority and locked memory. ``scheduling`` and ``memory`` report what was granted.
+
+    Call it in the main thread, after all imports.
+    """
     global _locked
     if not hasattr(os, "sched_setscheduler"):
         return
@@ -64,12 +70,12 @@ def run_first(priority: int) -> None:
 
 
 def runs_first() -> bool:
-    """Of the calling thread."""
+    """Return True if the calling thread has real-time priority."""
     return hasattr(os, "sched_getscheduler") and os.sched_getscheduler(0) == os.SCHED_FIFO
 
 
 def scheduling() -> str:
-    """Return how this process is run, for people."""
+    """Return the scheduling of this process, for people."""
     if not hasattr(os, "sched_getscheduler"):
         return "ordinary: this system has no SCHED_FIFO"
     if runs_first():
@@ -82,12 +88,12 @@ def scheduling() -> str:
 
 
 def memory() -> str:
-    """Return whether this process can be moved out of memory, for people."""
+    """Return whether the memory of this process is locked, for people."""
     return "locked" if _locked else "not locked: this was not granted. Allow it with: ulimit -l unlimited"
 
 
 def may_run_first() -> bool:
-    """Return whether processes that this one starts are granted SCHED_FIFO."""
+    """Return True if processes that this one starts are granted SCHED_FIFO."""
     before, parameters = os.sched_getscheduler(0), os.sched_getparam(0)
     try:
         os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(STANDBY_PRIORITY))
@@ -98,23 +104,22 @@ def may_run_first() -> bool:
 
 
 def may_lock_memory() -> bool:
-    """Return whether processes that this one starts may stay in memory. Nothing of this one is
-    locked afterwards."""
+    """Return True if processes that this one starts may lock their memory. This process has nothing locked
+    afterwards."""
     may = _lock_memory()
     ctypes.CDLL(None).munlockall()
     return may
 
 
 def run_like_others() -> None:
-    """A child of a process that runs first does not, until it asks for it."""
+    """Give up the real-time priority that this process inherited from its parent."""
     if runs_first():
         os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
 
 
 @contextlib.contextmanager
 def run_as_before() -> Iterator[None]:
-    """Around what changes how threads are run: this one, and those that begin in the block, are run
-    as this one was."""
+    """Restore the scheduling of this thread after the block, and apply it to threads that began in the block."""
     if not hasattr(os, "sched_setscheduler"):
         yield
         return
@@ -137,15 +142,17 @@ def _schedule(threads: set[int], policy: int, parameters: os.sched_param) -> Non
 
 
 def _give_way(number: int, frame: FrameType | None) -> None:
-    """Take SIGXCPU: a thread has computed for ``SPELL_S``. Every thread becomes ordinary."""
+    """Handle SIGXCPU, because a thread has computed for ``SPELL_S``. Every thread becomes ordinary."""
     global _spent
     _spent = True
     _schedule(_threads(), os.SCHED_OTHER, os.sched_param(0))
-    with contextlib.suppress(OSError, ValueError):  # a closed stderr
+    with contextlib.suppress(OSError, ValueError):  # stderr is closed
         print(f"process {os.getpid()} does not run first any more: {scheduling()}", file=sys.stderr, flush=True)
 
 
 def _lock_memory() -> bool:
-    """Keep what is in memory there, and what comes to it; whether that was granted. Nothing is
-    brought there in advance: the stacks of a dozen threads would be 100 MB."""
+    """Lock present and future memory. Return True if that was granted.
+
+    Memory is not loaded in advance: the stacks of a dozen threads would be 100 MB.
+    """
     return bool(ctypes.CDLL(None).mlockall(_MCL_CURRENT | _MCL_FUTURE | _MCL_ONFAULT) == 0)

@@ -1,21 +1,21 @@
-"""What a child process runs first: read the specification, import the entry, call it, end at once.
+"""The first code of a child process: read the specification, import the entry, call it, and exit at once.
 
-A child ends by ``os._exit``: no thread, no exit handler and no open session keeps it, or its lease,
-alive. Signals keep their default action: a child that is told to end is simply gone, and its parent
-makes the robot safe exactly as if it had crashed. One way of dying, one way of being safe.
+A child ends by ``os._exit``. So no thread, exit handler or open session keeps the process, or its lease, alive.
+Signals keep their default action: a child that gets one ends at once, and its parent makes the robot safe
+exactly as after a crash. There is one way to end, so there is one way to become safe.
 
-Standard output belongs to the program, which another may read: what a child prints, or an SDK
-within it, goes to standard error.
+Standard output belongs to the program, and another program may read it. So a child, and any SDK in it, prints
+to standard error.
 
-What an exception says is said in few words: its parent makes the robot safe once this process has
-ended, and the lines of source that Python prints take 3 ms to be read.
+Tracebacks are printed without source lines. The parent makes the robot safe only when this process has ended,
+and Python needs 3 ms to read those lines.
 """
 
 from __future__ import annotations
 
 import contextlib
 
-# The first use of a host name would import it, in a process that is not to wait for the disk.
+# The first use of a host name would import this, in a process that must not wait for the disk.
 import encodings.idna  # noqa: F401
 import gc
 import importlib
@@ -34,14 +34,14 @@ from strands_actors.kernel.health.realtime import run_like_others
 from .process import MAX_DESCRIPTORS, SIZE_BYTES, ChildSpecification
 
 YOUNG = 20_000
-"""Containers made before the collector looks at them: what is made 500 times a second is gone by
-itself."""
+"""New containers before the garbage collector runs. Objects that are made 500 times a second are freed without
+it."""
 
 
 def main(fd: int) -> None:
     signal.signal(signal.SIGINT, signal.SIG_DFL)
-    # Ignored, which an exec hands down, the system would reap our children: nobody could learn of
-    # an end, nor of its code.
+    # An exec inherits an ignored SIGCHLD. The system would then reap our children, and their ends and exit
+    # codes would be lost.
     signal.signal(signal.SIGCHLD, signal.SIG_DFL)
     _print_to_stderr()
     sock = socket.socket(fileno=fd)
@@ -52,14 +52,15 @@ def main(fd: int) -> None:
         module, _, function = specification.entry.partition(":")
         entry = getattr(importlib.import_module(module), function)
         gc.collect()
-        gc.freeze()  # a later full collection then has nothing of start-up to walk (34 ms measured)
+        # A later full collection then does not walk the objects of the start (34 ms measured).
+        gc.freeze()
         gc.set_threshold(YOUNG, 10, 10)
         entry(specification.args, sock)
         code = 0
     except BaseException as error:
         code = exit_code(error)
     finally:
-        # Nobody may be left to read what is flushed; the end must come all the same.
+        # The reader of these streams may be gone. The process must end all the same.
         for stream in (sys.stderr, sys.stdout):
             with contextlib.suppress(Exception):
                 stream.flush()
@@ -67,19 +68,22 @@ def main(fd: int) -> None:
 
 
 def _print_to_stderr() -> None:
-    """What C prints, too; and of Python a line as soon as it ends: who is killed flushes
-    nothing."""
+    """Redirect standard output to standard error, for C code too. Python flushes each line at once, since a
+    killed process flushes nothing."""
     if sys.stderr is None or sys.stdout is None:
-        return  # closed by whoever started the program; the descriptors may be anything's
+        # The parent closed them, so the descriptors may be open files of any kind.
+        return
     os.dup2(2, 1)
     if isinstance(sys.stdout, io.TextIOWrapper):
         sys.stdout.reconfigure(line_buffering=True)
 
 
 def exit_code(error: BaseException) -> int:
-    """Return the code of a process that ends by this. As the interpreter does it: ``sys.exit``
-    without anything is success, with a text it is failure, and the text is printed, as is every
-    other exception. A trio nursery wraps what is raised in it."""
+    """Return the exit code of a process that ends by this exception, as the interpreter would.
+
+    ``sys.exit`` without a value is success. With a text it is failure, and the text is printed, like every
+    other exception. A group of only ``SystemExit``, as a trio nursery makes it, counts as the first of them.
+    """
     if isinstance(error, BaseExceptionGroup) and error.split(SystemExit)[1] is None:
         return exit_code(error.exceptions[0])
     if not isinstance(error, SystemExit):
@@ -94,14 +98,16 @@ def exit_code(error: BaseException) -> int:
 
 
 def _print(text: str) -> None:
-    """Print to standard error, also when its disk is full or nobody reads it."""
+    """Print to standard error. Ignore a full disk and a missing reader."""
     with contextlib.suppress(OSError, ValueError):
         print(text, file=sys.stderr)
 
 
 def told(error: BaseException, indent: str = "") -> Iterator[str]:
-    """Return where it was raised and what it says, innermost last; then what it was raised from, or
-    in place of, and what is in it if it is a group."""
+    """Yield the lines of a traceback without source, innermost call last.
+
+    Then the exceptions follow that it was raised from, or during, and those of a group.
+    """
     yield f"{indent}Traceback, without the source:"
     for frame, line in traceback.walk_tb(error.__traceback__):
         yield f'{indent}  File "{frame.f_code.co_filename}", line {line}, in {frame.f_code.co_name}'
@@ -116,14 +122,13 @@ def told(error: BaseException, indent: str = "") -> Iterator[str]:
 
 
 def report_failure(what: str, error: BaseException) -> None:
-    """Print where something failed that its process outlives, also when nobody can read it any
-    more."""
+    """Print a failure that does not end the process. Missing readers and a lack of memory are ignored."""
     with contextlib.suppress(MemoryError):
         _print("\n".join((f"{what} failed.", *told(error))))
 
 
 def _specification(sock: socket.socket) -> ChildSpecification:
-    """Raise ``EOFError`` when the parent ended before it said all of it."""
+    """Receive the specification. Raise ``EOFError`` if the parent ended before it had sent all of it."""
     begun, descriptors, _, _ = socket.recv_fds(sock, SIZE_BYTES, MAX_DESCRIPTORS)
     size = int.from_bytes(_receive(sock, SIZE_BYTES, begun), "little")
     specification = msgspec.msgpack.decode(_receive(sock, size), type=ChildSpecification)

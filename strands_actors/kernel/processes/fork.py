@@ -1,5 +1,6 @@
-"""A child that is forked, from a process that has one thread: its imports are there, a quarter of a
-second of computing that a child started by exec would need.
+"""Fork children from a process with a single thread.
+
+A forked child has all imports. A child that is started by exec computes for a quarter of a second to make them.
 """
 
 from __future__ import annotations
@@ -14,14 +15,21 @@ from .identity import take_name
 from .process import ChildProcess, OwnChild, specify
 
 UNKNOWN = 1
-"""Exit code of a child that this process did not see end: no success."""
+"""Exit code of a child that another process or thread has reaped. It means no success."""
 
 
 def fork_child(link_fd: int, keep: Sequence[int] = (), session: bool = False, name: Sequence[str] = ()) -> int:
-    """Return its pid. It is as one that ``process.execute`` starts: a process group of its own
-    (with ``session`` a session too), no descriptor of anybody else's but those to ``keep``, told
-    over ``link_fd`` what to run. ``name``: what it is called meanwhile, for ``take_name``. This
-    process must have one thread."""
+    """Fork a child and return its pid.
+
+    The child is like one of ``process.execute``: it is a process group, has no descriptors but the given ones,
+    and gets its specification over ``link_fd``. This process must have only one thread.
+
+    Args:
+        link_fd: The child's end of the link.
+        keep: Further descriptors that stay open in the child.
+        session: The child is a session, too.
+        name: Its name until its entry runs, as arguments of ``take_name``.
+    """
     pid = os.fork()
     if pid == 0:
         if session:
@@ -40,7 +48,7 @@ def fork_child(link_fd: int, keep: Sequence[int] = (), session: bool = False, na
 
 
 class Forked:
-    """A child of this process, as ``subprocess.Popen`` shows one."""
+    """A forked child of this process, with the interface of ``subprocess.Popen``."""
 
     def __init__(self, pid: int) -> None:
         self.pid = pid
@@ -58,7 +66,8 @@ class Forked:
         if self._code is None:
             try:
                 pid, status = os.waitpid(self.pid, options)
-            except ChildProcessError:  # somebody else has reaped it: ended, nobody knows how
+            # It was reaped elsewhere. It has ended, and its exit code is lost.
+            except ChildProcessError:
                 self._code = UNKNOWN
                 return self._code
             if pid:
@@ -67,13 +76,13 @@ class Forked:
 
 
 class ForkedAhead:
-    """One child, forked now; it waits to be told what to run, for as long as a robot takes to connect.
+    """One child that is forked in advance, and waits for its specification while a robot connects.
 
     Args:
-        name: What it is called from now on, for ``take_name``. Without one it has its parent's name,
-            and who kills by name misses that.
-        keep: Descriptors that it is given.
-        session: See ``fork_child``.
+        name: Its name from now on, as arguments of ``take_name``. Without one it keeps its parent's name, and a
+            kill by name does not find it.
+        keep: Descriptors that stay open in the child.
+        session: The child is a session, too.
     """
 
     def __init__(self, name: Sequence[str], keep: Sequence[int] = (), session: bool = False) -> None:
@@ -82,8 +91,8 @@ class ForkedAhead:
             self._child: Forked | None = Forked(fork_child(theirs.fileno(), keep, session, name))
 
     def start(self, entry: str, args: Mapping[str, Any], descriptors: Sequence[int] = ()) -> ChildProcess | None:
-        """As ``process.start``. None when it was started before, or has ended. ``descriptors``: see
-        ``process.specify``."""
+        """Send the child its specification, as ``process.start`` does. Return None if it was started before or
+        has ended."""
         forked, self._child = self._child, None
         if forked is None or forked.poll() is not None:
             return None

@@ -1,8 +1,7 @@
-"""What only an operator may let others do: the part of the operator gate that every process can
-decide.
+"""Guarded commands, which need the approval of an operator: the part that every process can decide.
 
-``Driver.GUARDED`` names verbs, and keys of an action. The environment allows some without asking;
-whoever can ask a person (``agents/approval.py``) asks for the rest; whoever cannot refuses.
+``Driver.GUARDED`` names guarded verbs and keys of an action. The environment allows some without asking. A
+process that can ask a person (``agents/approval.py``) asks for the rest. Other processes refuse them.
 """
 
 from __future__ import annotations
@@ -28,9 +27,13 @@ def allowed(variable: str = ALLOW) -> frozenset[str]:
 def unapproved(
     guarded: Collection[str], names: Iterable[str], topics: Mapping[str, str] | None = None
 ) -> tuple[str, ...]:
-    """Return those of ``names`` that somebody has to approve, sorted. A key is the same with
-    ``.pos`` behind it. ``topics``: names that go out on a ROS topic, which may be allowed as a
-    whole."""
+    """Return the names that need approval, sorted.
+
+    Args:
+        guarded: The guarded names of a robot.
+        names: Verbs, or keys of an action. A key counts the same with and without ``.pos``.
+        topics: The ROS topics of names that are published. The environment may allow a whole topic.
+    """
     plain = (str(name).removesuffix(".pos") for name in names)
     by_topic, of = allowed(ALLOW_TOPICS), topics or {}
     wanted = frozenset(guarded).intersection(plain) - allowed()
@@ -38,7 +41,13 @@ def unapproved(
 
 
 def not_approved(names: Iterable[str], why: str, can_ask: bool = True) -> Refused:
-    """``can_ask``: a program with ``approve=`` would be asked; on the mesh none is."""
+    """Return the refusal for names without approval.
+
+    Args:
+        names: The refused names.
+        why: The reason, for people.
+        can_ask: True if the program could pass ``approve=``. On the mesh that is not possible.
+    """
     shown = ", ".join(names)
     reason = f"{shown} needs an operator's approval: {why}"
     allow = f"name it in {ALLOW}"

@@ -1,8 +1,7 @@
-"""What a process of a tree is called in lists of processes, and when the kernel may end it for want
-of memory.
+"""Name the processes of a tree, and let the kernel end them last when memory runs out.
 
-A name of its own: ``pkill python`` is meant for scripts, and must not reach the processes that make
-a robot safe.
+They have separate names because ``pkill python`` is meant for scripts. It must not reach the processes that
+make a robot safe.
 """
 
 from __future__ import annotations
@@ -17,14 +16,21 @@ _COMM_BYTES = 15  # TASK_COMM_LEN less its end
 _ARG_START, _ARG_END = 45, 46  # columns of /proc/self/stat, behind the name: proc(5), fields 48 and 49
 _ADJUSTMENT = Path("/proc/self/oom_score_adj")
 LAST = -900
-"""``oom_score_adj``: of all processes the last but those that may never be taken. Source:
+"""``oom_score_adj`` of a process that the kernel ends last, before those that it may never end. Source:
 proc(5)."""
 
 
 def take_name(robot: str, role: str, label: str = "") -> None:
-    """Be called ``strands-wire`` by ``ps -e`` and ``pkill``, ``strands-actors so101 wire`` by ``ps
-    -f`` and ``top``. ``label``: a second word there, by which others look for it. Where the system
-    cannot, nothing is changed."""
+    """Set the name of this process: ``strands-wire`` in ``ps -e`` and for ``pkill``, ``strands-actors so101
+    wire`` in ``ps -f`` and ``top``.
+
+    Nothing changes on systems that do not support it.
+
+    Args:
+        robot: The robot's name.
+        role: The role of the process.
+        label: A second word for ``ps -f``, by which others search for the process.
+    """
     if not os.path.exists("/proc/self/stat"):
         return
     comm = f"{PRODUCT}-{role}".encode()[:_COMM_BYTES]
@@ -33,8 +39,8 @@ def take_name(robot: str, role: str, label: str = "") -> None:
 
 
 def _write_arguments(words: bytes) -> None:
-    """Over those this process was started with: that memory is what the kernel shows. Too long a
-    text is cut."""
+    """Overwrite the arguments of this process in memory, which is where the kernel reads them. A longer text is
+    cut."""
     fields = Path("/proc/self/stat").read_bytes().rpartition(b")")[2].split()
     start, end = int(fields[_ARG_START]), int(fields[_ARG_END])
     room = end - start
@@ -45,8 +51,10 @@ def _write_arguments(words: bytes) -> None:
 
 
 def be_taken_last() -> bool:
-    """Ask the kernel to end others first when memory runs out; whether it will. Lowering takes
-    CAP_SYS_RESOURCE, unless this process was started as low."""
+    """Ask the kernel to end other processes first when memory runs out. Return True if it will.
+
+    Lowering the value takes CAP_SYS_RESOURCE, unless the process was started with a value as low.
+    """
     try:
         _ADJUSTMENT.write_text(f"{LAST}")
     except OSError:
@@ -55,8 +63,8 @@ def be_taken_last() -> bool:
 
 
 def may_be_taken_last() -> bool | None:
-    """Return whether processes that this one starts may ``be_taken_last``. None where the system
-    has no such thing."""
+    """Return True if processes that this one starts may call ``be_taken_last`` with success. None where the
+    system has no such setting."""
     try:
         before = _ADJUSTMENT.read_text()
     except OSError:

@@ -1,4 +1,4 @@
-"""How another Python is started: it imports from where this process does, and from nowhere else."""
+"""Start another Python that imports from the same places as this process, and from no others."""
 
 from __future__ import annotations
 
@@ -7,11 +7,13 @@ import sys
 from collections.abc import Mapping
 
 PYTHON = (sys.executable, "-P")
-"""``-P``: without it the current directory comes first, and whatever ``msgspec.py`` lies there runs
-in the processes of a robot."""
+"""``-P`` keeps the current directory out of the import path. Otherwise a file ``msgspec.py`` there would run in
+the processes of a robot."""
 
 
 def environment(**more: str) -> Mapping[str, str]:
-    """Return that of a child: ours, with our import path, a user's own modules included."""
-    path = os.pathsep.join(path or os.getcwd() for path in sys.path)  # empty: an interpreter that is typed into
+    """Return the environment of a child: that of this process, with its import path, so that a user's own
+    modules are found."""
+    # An empty entry, as in an interactive interpreter, means the current directory.
+    path = os.pathsep.join(path or os.getcwd() for path in sys.path)
     return {**os.environ, "PYTHONPATH": path, **more}

@@ -1,8 +1,8 @@
-"""What a process that runs code of others may use: memory, processors, and whose name.
+"""Limit a process that runs foreign code: its memory, its processors and its user.
 
-They are put on by the process itself, before that code is loaded, and cannot be taken off by it
-again (a user who is not root cannot raise a limit or change its user). Processors can: they keep a
-policy that computes from the others, not one that means harm.
+The process sets the limits itself before it loads that code, and cannot remove them again (only root can raise
+a limit or change its user). The choice of processors is an exception. It keeps a policy from computing on all
+processors, but does not stop code that means harm.
 """
 
 from __future__ import annotations
@@ -15,14 +15,18 @@ from typing import Annotated, Any
 
 import msgspec
 
-_KILL, _SETGID, _SETUID = 5, 6, 7  # capabilities, as Linux numbers them
+_KILL, _SETGID, _SETUID = 5, 6, 7  # numbers of capabilities on Linux
 
 
 class PolicyLimits(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=True):
-    """Of each process of a named policy. ``memory_mb``: its address space, so a library that
-    reserves much needs more than it uses. ``cpu_s``: seconds of computing, all its threads
-    together; then it is killed. ``processors``: how many of the machine's it runs on. ``user``: as
-    whom it runs."""
+    """The limits of each process of a named policy.
+
+    Attributes:
+        memory_mb: Address space in MB. A library that reserves much memory needs more than it uses.
+        cpu_s: Seconds of computing of all threads together. Then the kernel kills the process.
+        processors: How many processors of the machine it runs on.
+        user: The user that it runs as. Empty for the present one.
+    """
 
     memory_mb: Annotated[int, msgspec.Meta(ge=64)] | None = None
     cpu_s: Annotated[int, msgspec.Meta(ge=1)] | None = None
@@ -30,8 +34,8 @@ class PolicyLimits(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit
     user: str = ""
 
     def check(self) -> None:
-        """Raise ``ValueError`` for what this system has not: such a user, or one whom we can
-        become."""
+        """Raise ``ValueError`` if this system lacks what a limit needs: the user, or the right to become that
+        user."""
         if self.processors is not None and not hasattr(os, "sched_setaffinity"):
             raise ValueError("policy_limits: processors can be limited on Linux alone. leave that out")
         if not self.user:
@@ -47,9 +51,9 @@ class PolicyLimits(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit
             )
 
     def apply(self) -> None:
-        """Put them on this process, for good. Raise ``OSError``, ``ValueError``."""
+        """Apply the limits to this process for good. Raise ``OSError`` or ``ValueError``."""
         if self.processors is not None:
-            here = sorted(os.sched_getaffinity(0))[-self.processors :]  # the first have the most to do
+            here = sorted(os.sched_getaffinity(0))[-self.processors :]  # the first processors are the busiest
             for thread in os.listdir("/proc/self/task"):
                 os.sched_setaffinity(int(thread), here)
         if self.cpu_s is not None:
@@ -66,26 +70,26 @@ class PolicyLimits(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit
             return
         os.initgroups(entry.pw_name, entry.pw_gid)
         os.setgid(entry.pw_gid)
-        os.setuid(entry.pw_uid)  # all threads of it, and for good: root's rights are gone
+        os.setuid(entry.pw_uid)  # for all threads and for good: the rights of root are gone
         os.environ |= {"HOME": entry.pw_dir, "USER": entry.pw_name, "LOGNAME": entry.pw_name}
 
 
 def limits_of(given: Mapping[str, Any] | PolicyLimits | None) -> PolicyLimits:
-    """Raise ``ValueError`` with what would be accepted."""
+    """Return the limits. Raise ``ValueError``, which names the accepted keys."""
     if isinstance(given, PolicyLimits):
         limits = given
     else:
         try:
             limits = msgspec.convert({} if given is None else dict(given), PolicyLimits)
         except (msgspec.ValidationError, TypeError, ValueError) as error:
-            known = ", ".join(PolicyLimits.__struct_fields__)
-            raise ValueError(f"policy_limits: {error}. give some of {known}") from None
+            accepted = ", ".join(PolicyLimits.__struct_fields__)
+            raise ValueError(f"policy_limits: {error}. give some of {accepted}") from None
     limits.check()
     return limits
 
 
 def _may_be_others() -> bool:
-    """Become them, and end what runs as them."""
+    """Return True if this process may become other users and end their processes."""
     if os.geteuid() == 0:
         return True
     try:

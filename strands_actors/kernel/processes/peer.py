@@ -1,5 +1,4 @@
-"""Another process of the tree that is no child of this one: its end is seen, and it can be
-ended."""
+"""A process of the tree that is no child of this process. Its end can be seen, and it can be ended."""
 
 from __future__ import annotations
 
@@ -14,8 +13,13 @@ from .process import NOTICED_S, wait_for_end_of
 
 
 class Peer:
-    """``pidfd``: names this very process, whoever has its number later; belongs to this object.
-    None where the system has none (macOS)."""
+    """Another process.
+
+    Args:
+        pid: Its process id.
+        pidfd: Identifies this very process, even after its id has been used again. None where the system has no
+            pidfd (macOS). It belongs to this object.
+    """
 
     def __init__(self, pid: int, pidfd: int | None = None) -> None:
         self.pid = pid
@@ -34,14 +38,15 @@ class Peer:
         return bool(poll.poll(0))
 
     async def wait(self) -> None:
-        """Return when it has ended."""
+        """Return when the process has ended."""
         if self._pidfd is None:
             await wait_for_end_of(self.pid)
             return
         try:
-            fd = os.dup(self._pidfd)  # one task each may wait for a descriptor
-        except OSError:  # none is free
-            while not self.ended:  # noqa: ASYNC110  # nothing tells of it
+            # Only one task may wait for a descriptor, so each waits for a duplicate.
+            fd = os.dup(self._pidfd)
+        except OSError:  # no descriptor is free
+            while not self.ended:  # noqa: ASYNC110  # there is no event to wait for
                 await trio.sleep(NOTICED_S)
             return
         try:
@@ -51,8 +56,10 @@ class Peer:
             os.close(fd)
 
     async def fence(self, within_s: float) -> bool:
-        """SIGKILL, then wait for its end; whether that was seen. What was killed runs no code of
-        its own."""
+        """Kill the process and wait for its end. Return True if its end was seen.
+
+        A killed process runs no more of its code, even before its end is seen.
+        """
         with contextlib.suppress(ProcessLookupError):
             if self._pidfd is None:
                 os.kill(self.pid, signal.SIGKILL)

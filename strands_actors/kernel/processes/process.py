@@ -1,7 +1,7 @@
-"""A child process: started with a link, watched by a pidfd, fenced with SIGKILL.
+"""Start child processes with a link, watch them by a pidfd, and fence them with SIGKILL.
 
-The child is a process group of its own, so that Ctrl-C in a terminal reaches only the user's
-script; what the script's end means is then decided by the tree, not by who else got the signal.
+Each child is a separate process group. So Ctrl-C in a terminal reaches only the user's script, and the tree
+alone decides how to react to the script's end.
 """
 
 from __future__ import annotations
@@ -30,15 +30,15 @@ from .interpreter import PYTHON, environment
 NOTICED_S = 0.005
 BURY_AFTER_S = 0.1
 SIZE_BYTES = 4
-"""Of a specification, which follow its size; the descriptors come with that."""
+"""Bytes of the size of a specification. The specification follows, and the descriptors come with the size."""
 MAX_DESCRIPTORS = 8
 FENCE_S = 1.0
-"""How long a fence waits for the end of what it killed. A process in an uninterruptible system call
-(a serial adapter that hangs) ends when that returns, and until then runs none of its own code."""
+"""Seconds that a fence waits for the end of the killed process. A process in an uninterruptible system call (a
+serial adapter that hangs) ends when that call returns. Until then it runs no more of its code."""
 
-# A child of a process that runs first does not, from its first line on: its imports take longer than
-# the kernel lets such a process compute. Any other way to be run is the user's wish, and not everybody
-# may leave it.
+# A child of a process with real-time priority drops that priority in its first line, since its imports take
+# longer than the kernel lets such a process compute. Other kinds of scheduling were set by the user and stay,
+# and not every process may leave them.
 _BOOT = """
 import os, sys
 if hasattr(os, "sched_setscheduler") and os.sched_getscheduler(0) == os.SCHED_FIFO:
@@ -49,16 +49,22 @@ main(int(sys.argv[1]))
 
 
 class ChildSpecification(msgspec.Struct, frozen=True):
-    """What a child is told first. ``entry`` is ``module:function``, called with (args, socket).
-    Descriptors come beside it (``specify``)."""
+    """The first message to a child. ``entry`` is ``module:function``, which is called with (args, socket).
+    Descriptors come with it (``specify``)."""
 
     entry: str
     args: dict[str, Any]
 
 
 class ChildProcess(ABC):
-    """A running child and the link to it. ``pidfd``: names this very process, whoever has its
-    number later; None where the system has none (macOS). Belongs to this object."""
+    """A running child process and the link to it.
+
+    Args:
+        pid: Its process id.
+        link_socket: This end of the link.
+        pidfd: Identifies this very process, even after its id has been used again. None where the system has no
+            pidfd (macOS). It belongs to this object.
+    """
 
     def __init__(self, pid: int, link_socket: socket.socket, pidfd: int | None = None) -> None:
         self.pid = pid
@@ -76,14 +82,14 @@ class ChildProcess(ABC):
     def alive(self) -> bool: ...
 
     def pidfds(self) -> tuple[int, ...]:
-        """Return a duplicate of its pidfd, to give away; empty where there is none."""
+        """Return a duplicate of the pidfd to pass on, or nothing where there is no pidfd."""
         return () if self._pidfd is None else (os.dup(self._pidfd),)
 
     def kill(self, sig: int = signal.SIGKILL) -> None:
-        """Signal the child; harmless when it is already gone."""
+        """Signal the child. Do nothing if it has ended."""
         if not self.alive:
             return
-        with contextlib.suppress(ProcessLookupError):  # gone, and not yet noticed
+        with contextlib.suppress(ProcessLookupError):  # ended, and not noticed yet
             if self._pidfd is None:
                 os.kill(self.pid, sig)
             else:
@@ -91,31 +97,38 @@ class ChildProcess(ABC):
 
     @abstractmethod
     async def wait(self) -> int:
-        """Wait until the process is gone; its exit code (negative: the signal)."""
+        """Wait until the process has ended. Return its exit code, or the negative number of the signal that
+        ended it."""
 
-    def part(self) -> None:  # noqa: B027  # who has another parent is reaped by that one
-        """Let it go on without us; it is reaped all the same."""
+    def part(self) -> None:  # noqa: B027  # a child of another parent is reaped there
+        """Stop managing the child. It is still reaped when it ends."""
 
     def link(self, node: Router, channel: Channel | None = None) -> Link:
-        """Return the parent's end; run its ``run``. ``channel``: what the child may say."""
+        """Return the parent's end of the link. The caller must run its ``run``. ``channel`` has the permissions
+        of the child."""
         self._linked = True
         return Link(node, self.socket, channel=channel)
 
     async def fence(self, within_s: float = FENCE_S) -> bool:
-        """Make sure it never writes again: SIGKILL, wait for it, close the link. Whether its end
-        was seen ``within_s``: what was killed runs no code of its own, so who waits may go on after
-        that."""
+        """Make sure that the process never writes again: kill it, wait for its end, and close the link.
+
+        Args:
+            within_s: Seconds to wait for the end.
+
+        Returns:
+            True if its end was seen in time. The caller may continue in either case, since a killed process
+            runs no more of its code.
+        """
         self.kill()
         with trio.CancelScope(shield=True, deadline=trio.current_time() + within_s) as scope:
             await self.wait()
-        # A link that runs on this socket sees the end of file by itself.
+        # A link on this socket notices the end of file by itself.
         if not self._linked:
             self.socket.close()
         return not scope.cancelled_caught
 
     async def drop(self, within_s: float = FENCE_S) -> None:
-        """Fence it, and keep no hold on it: what has not been seen to end is reaped all the
-        same."""
+        """Fence the process and stop managing it. It is reaped even if its end was not seen in time."""
         if not await self.fence(within_s):
             self.part()
 
@@ -126,15 +139,16 @@ class ChildProcess(ABC):
             await wait_for_end_of(self.pid)
             return
         try:
-            fd = os.dup(pidfd)  # one task each may wait for a descriptor
-        except OSError:  # none is free
+            # Only one task may wait for a descriptor, so each waits for a duplicate.
+            fd = os.dup(pidfd)
+        except OSError:  # no descriptor is free
             await _poll_until(lambda: _has_ended(pidfd))
         else:
             await _wait_readable(fd)
 
 
 class Started(Protocol):
-    """A child of this process: of ``subprocess.Popen``, what is used here."""
+    """The part of ``subprocess.Popen`` that is used here."""
 
     pid: int
 
@@ -144,16 +158,17 @@ class Started(Protocol):
 
 
 class OwnChild(ChildProcess):
-    """A child of this very process.
+    """A child of this process.
 
-    A process that runs before others (``health/realtime.py``) looks at its child's end, and leaves
-    the waitpid to a thread of ordinary priority, later: in it the kernel walks over what is known of
-    the child in /proc, and goes on walking while one of the child's own threads is not done with
-    that. Who runs first keeps that thread from its processor: two such roots on two processors
-    walked for minutes, and wrote no safe frame."""
+    A process with real-time priority (``health/realtime.py``) only looks at the end of its child. It leaves the
+    waitpid to a thread of ordinary priority, later. In waitpid the kernel walks over the child's entries in
+    /proc, and continues while one of the child's threads is not done with the same. A caller with real-time
+    priority keeps that thread from its processor: two such roots on two processors walked for minutes, and
+    wrote no safe frame.
+    """
 
     def __init__(self, child: Started, link_socket: socket.socket) -> None:
-        # Nobody else reaps it: until we do, the number is its own.
+        # Only this process reaps the child, so until then its id cannot be used again.
         super().__init__(child.pid, link_socket, _pidfd_of(child.pid))
         self._child = child
         self._code: int | None = None
@@ -168,12 +183,12 @@ class OwnChild(ChildProcess):
     async def wait(self) -> int:
         if self._pidfd is not None and self._ended() is None:
             await self._until_ended()
-        while (code := self._ended()) is None:  # noqa: ASYNC110  # its end has been seen, or nothing tells
+        while (code := self._ended()) is None:  # noqa: ASYNC110  # its end has been seen, or there is no pidfd
             await trio.sleep(NOTICED_S)
         return code
 
     def _ended(self) -> int | None:
-        """Return its exit code, once it has one."""
+        """Return the exit code, or None while the process runs."""
         if self._code is None:
             self._code = _exit_code(self._child)
             if self._code is not None and runs_first():
@@ -185,7 +200,7 @@ class OwnChild(ChildProcess):
 
 def _exit_code(child: Started) -> int | None:
     if not hasattr(os, "waitid"):
-        return child.poll()  # macOS, where nobody runs before everything else
+        return child.poll()  # macOS has no real-time priority
     try:
         seen = os.waitid(os.P_PID, child.pid, os.WEXITED | os.WNOHANG | os.WNOWAIT)
     except ChildProcessError:  # reaped
@@ -196,7 +211,7 @@ def _exit_code(child: Started) -> int | None:
 
 
 async def _reap_later(child: Started) -> None:
-    """When what its end calls for has been done."""
+    """Reap the child after ``BURY_AFTER_S``, when its parent has reacted to its end."""
     try:
         await trio.sleep(BURY_AFTER_S)
     finally:
@@ -206,7 +221,7 @@ async def _reap_later(child: Started) -> None:
 def _reap_in_thread(child: Started) -> None:
     try:
         threading.Thread(target=_reap, args=(child,), daemon=True).start()
-    except RuntimeError:  # no thread can be started: what has ended is reaped here
+    except RuntimeError:  # no thread can be started, so a child that has ended is reaped here
         child.poll()
 
 
@@ -216,9 +231,18 @@ def _reap(child: Started) -> None:
 
 
 def execute(link_fd: int, pass_fds: Sequence[int] = (), label: str = "") -> subprocess.Popen[bytes]:
-    """Exec a child that reads its specification from ``link_fd``. Stops this process until the
-    child has begun: a few milliseconds, more on a busy machine. ``label``: what a list of processes
-    shows. Raise ``OSError``."""
+    """Start a child by exec, which reads its specification from ``link_fd``.
+
+    This process stands still until the child has begun: a few milliseconds, more on a busy machine.
+
+    Args:
+        link_fd: The child's end of the link.
+        pass_fds: Further descriptors for the child.
+        label: Shown by lists of processes.
+
+    Raises:
+        OSError: The process cannot be started.
+    """
     return subprocess.Popen(
         [*PYTHON, "-c", _BOOT, str(link_fd), *([label] if label else [])],
         pass_fds=(link_fd, *pass_fds),
@@ -231,8 +255,10 @@ def execute(link_fd: int, pass_fds: Sequence[int] = (), label: str = "") -> subp
 def specify(
     link_socket: socket.socket, entry: str, args: Mapping[str, Any], descriptors: Sequence[int] = ()
 ) -> None:
-    """Tell a child what to run. It has its own duplicates of ``descriptors``, whose numbers it finds
-    in ``args["descriptors"]``."""
+    """Send a child its specification.
+
+    The child gets duplicates of ``descriptors``. Their numbers in the child are in ``args["descriptors"]``.
+    """
     specification = msgspec.msgpack.encode(ChildSpecification(entry, dict(args)))
     size = len(specification).to_bytes(SIZE_BYTES, "little")
     socket.send_fds(link_socket, [size], list(descriptors))
@@ -246,7 +272,7 @@ def start(
     label: str = "",
     descriptors: Sequence[int] = (),
 ) -> ChildProcess:
-    """Start a child by exec, as ``execute``. ``descriptors``: see ``specify``."""
+    """Start a child by exec (``execute``) and send its specification (``specify``)."""
     ours, theirs = socket.socketpair()
     with theirs:
         popen = execute(theirs.fileno(), pass_fds, label)
@@ -255,7 +281,7 @@ def start(
 
 
 async def wait_for_end_of(pid: int) -> None:
-    """Return when a process has ended (or never was)."""
+    """Return when a process has ended, or at once if it does not exist."""
     try:
         fd = _pidfd_of(pid)
     except ProcessLookupError:
@@ -267,7 +293,7 @@ async def wait_for_end_of(pid: int) -> None:
 
 
 async def _wait_readable(fd: int) -> None:
-    """Wait, then close it."""
+    """Wait until a descriptor is readable, then close it."""
     try:
         await trio.lowlevel.wait_readable(fd)
     finally:
@@ -276,7 +302,7 @@ async def _wait_readable(fd: int) -> None:
 
 
 def _pidfd_of(pid: int) -> int | None:
-    """None where there is none: macOS, or no descriptor is free. Raise ``ProcessLookupError``."""
+    """Return a pidfd, or None on macOS or if no descriptor is free. Raise ``ProcessLookupError``."""
     if not hasattr(os, "pidfd_open"):
         return None
     try:
@@ -288,7 +314,7 @@ def _pidfd_of(pid: int) -> int | None:
 
 
 async def _poll_until(condition: Callable[[], bool]) -> None:
-    """Where no descriptor tells, a death is noticed a little later."""
+    """Poll where no descriptor reports the end. It is noticed a little later then."""
     while not condition():  # noqa: ASYNC110  # no event to wait for: that is why we are here
         await trio.sleep(NOTICED_S)
 
@@ -300,8 +326,8 @@ def _has_ended(pidfd: int) -> bool:
 
 
 def exists(pid: int) -> bool:
-    """Return whether there is a process of that number, whoever's; one that has ended and was not
-    reaped counts."""
+    """Return True if a process with this id exists, of any user. A process that has ended and was not reaped
+    counts."""
     try:
         os.kill(pid, 0)
     except ProcessLookupError:

@@ -1,10 +1,10 @@
-"""Keep in hand what a stop needs, and end this process when it cannot have it any more.
+"""Reserve the resources that a stop needs, and end this process when they cannot be had.
 
-Root, wire, standby and stop process each hold a few open files and a piece of address space. A stop
-begins by freeing them, so that a leak elsewhere in the process cannot keep the stop from opening its
-connections. Where that is not enough (a limit was lowered, no thread can be started) and a stop was
-not confirmed, the process ends at once with ``EXIT_SHORT``: the next process has resources of its
-own, and it can act only when this one has ended.
+Root, wire, standby and stop process each hold a few open files and a piece of address space. A stop begins by
+freeing them. So a leak elsewhere in the process cannot keep the stop from opening its connections. Sometimes
+that is not enough: a limit was lowered, or no thread can be started. If a stop was not confirmed then, the
+process exits at once with ``EXIT_SHORT``. The next process has its own resources, and it can act only when this
+one has ended.
 """
 
 from __future__ import annotations
@@ -20,14 +20,14 @@ import sys
 from collections.abc import Callable, Iterator
 
 FILES = 16
-"""Open files that are held. The stop channel that needs most of them (a new stop process: two socket
-pairs, a pidfd, the pipe of ``Popen``; a UR: three sockets) needs 8."""
+"""The number of open files that are held. The stop channel that needs most of them (a new stop process: two
+socket pairs, a pidfd, the pipe of ``Popen``; a UR: three sockets) needs 8."""
 MEMORY_BYTES = 8 << 20
 """Address space that is held. It is not touched, so it takes no memory."""
 _PROBE_BYTES = 1 << 20
 """One arena of Python's allocator."""
 MOST_FILES = 4096
-"""To which the soft limit of open files is raised. A child closes all of them one by one on macOS."""
+"""The highest soft limit of open files that is set. On macOS a child closes them one by one."""
 EXIT_SHORT = 6
 """Exit code of a process that lacked what a stop needs."""
 
@@ -54,7 +54,7 @@ def raise_limits() -> None:
 
 
 class Reserve:
-    """What one process holds. Inactive, and without any effect, until ``begin``."""
+    """The reserve of one process. It does nothing until ``begin``."""
 
     def __init__(self) -> None:
         self._files: list[int] = []
@@ -67,21 +67,21 @@ class Reserve:
         """Take the reserve.
 
         Args:
-            other_acts: Returns whether another process stops the robot when this one ends. Without
-                one this process stays, and goes on trying.
+            other_acts: Returns True if another process stops the robot when this one ends. Otherwise this
+                process stays and tries again.
         """
         self._begun, self._other_acts = True, other_acts
-        with contextlib.suppress(OSError):  # not every system has it
-            # glibc opens it when the first thread ends, and aborts the process if no file is free.
+        with contextlib.suppress(OSError):  # not every system has this library
+            # glibc opens this library when the first thread ends, and aborts the process if no file is free.
             ctypes.CDLL("libgcc_s.so.1")
         self.check()
 
     def check(self) -> str:
-        """Take what is not in hand.
+        """Take the missing parts of the reserve.
 
         Returns:
-            What this process lacks, for people. Empty: everything is in hand, and a little more can
-            be had.
+            The resource that this process lacks, for people. Empty if the reserve is complete and a little more
+            is available.
         """
         if not self._begun:
             return ""
@@ -97,7 +97,8 @@ class Reserve:
             os.close(_open_file())
         except OSError as error:
             if error.errno == errno.ENFILE and len(self._files) == FILES:
-                return ""  # the whole system has none: those in hand are worth more than a new process
+                # The whole system has no free file. Those in the reserve are worth more than a new process.
+                return ""
             limit = "sysctl fs.file-max" if error.errno == errno.ENFILE else "ulimit -n"
             return f"no file can be opened ({error.strerror}; {limit})"
         return ""
@@ -105,7 +106,8 @@ class Reserve:
     @contextlib.contextmanager
     def freed(self) -> Iterator[None]:
         """Free the reserve for a stop, and take it again afterwards."""
-        self._stops += 1  # first: another thread may ask whether what is free now is a stop's
+        # Counted first: another thread may check whether a stop uses the freed resources.
+        self._stops += 1
         try:
             self._release()
             yield
@@ -116,23 +118,25 @@ class Reserve:
 
     @property
     def is_freed(self) -> bool:
-        """Return whether a stop is being carried out."""
+        """Return True while a stop is being carried out."""
         return self._stops > 0
 
     def lacked(self, error: BaseException) -> None:
-        """End this process if ``error`` kept a stop from opening what it needs, and another process
-        stops the robot then.
+        """End this process if ``error`` kept a stop from opening a resource, and another process stops the
+        robot then.
 
-        Whatever opens a connection, a port or a process calls it, before it makes ``WireDown`` of the
-        error: a stop channel may go on trying for seconds, and the next process waits until this one
-        has ended."""
+        Code that opens a connection, a port or a process calls this before it turns the error into
+        ``WireDown``. A stop channel may try again for seconds, and the next process waits until this one has
+        ended.
+        """
         if self._stops and lacks_resources(error) and self._other_acts():
             end(str(error))
 
     def end_if_short(self) -> None:
-        """End this process if it lacks what a stop needs and another process stops the robot then.
+        """End this process if it lacks a resource for a stop, and another process stops the robot then.
 
-        Call it when a stop was not confirmed."""
+        Call it when a stop was not confirmed.
+        """
         if not self._begun or not self._other_acts():
             return
         missing = self.check() or _lacks_thread()
@@ -149,7 +153,7 @@ class Reserve:
 
 
 def end(missing: str) -> None:
-    """End this process at once, because of what it lacks."""
+    """End this process at once, because it lacks a resource."""
     with contextlib.suppress(Exception):
         print(
             f"process {os.getpid()} ended in a stop: {missing}. Another process of the robot makes it safe. "
@@ -161,14 +165,14 @@ def end(missing: str) -> None:
 
 
 def how_ended(code: int) -> str:
-    """Return how a process ended, for people. ``code``: as of ``ChildProcess.wait``."""
+    """Describe how a process ended, for people. ``code`` is the result of ``ChildProcess.wait``."""
     if code == EXIT_SHORT:
         return f"code {code}: it had no file, memory or thread for a stop"
     return f"signal {-code}" if code < 0 else f"code {code}"
 
 
 def lacks_resources(error: BaseException) -> bool:
-    """Return whether an exception, or one in its group, says that this process lacks a resource."""
+    """Return True if an exception, or one in its group, means that this process lacks a resource."""
     if isinstance(error, BaseExceptionGroup):
         return any(lacks_resources(part) for part in error.exceptions)
     if isinstance(error, OSError):
@@ -193,4 +197,4 @@ def _lacks_thread() -> str:
 
 
 RESERVE = Reserve()
-"""Of this process."""
+"""The reserve of this process."""

@@ -1,15 +1,16 @@
-"""Starting a process while something else must not wait.
+"""A fork server: it starts processes for a root that must not pause.
 
-Whoever starts a process stands still, with the interpreter's lock held, until the child has begun:
-a few milliseconds, but a tenth of a second on a busy machine, in which a root that does not beat
-looks frozen to its wire. So the root has a small process start others for it: forked while the root
-has one thread and no session, it does nothing else, and ends with its root. What it starts it
-forks: all that a child of the tree imports is there already, which is a quarter of a second of
-computing.
+Theory. A process that starts another stands still, with the interpreter's lock held, until the child has begun.
+That takes a few milliseconds, but a tenth of a second on a busy machine. Without heartbeats for so long, a root
+looks frozen to its wire process. So the root lets a small process, the spawner, start others.
 
-One that is dead or does not answer is ended, and the next start is made by another, which has to be
-executed: the root has threads by then. So nothing that was asked of it and not answered is done
-later.
+* The spawner is forked while the root has one thread and no session. It does nothing else, and ends with its
+  root.
+* It forks its children. A forked child has all imports of the tree, for which an executed one computes a
+  quarter of a second.
+* A spawner that is dead or does not answer is ended, and another one replaces it. The root has threads by then,
+  so the new one is started by exec.
+* So a request without an answer is never carried out later: its spawner has been killed.
 """
 
 from __future__ import annotations
@@ -29,19 +30,20 @@ from .fork import Forked, fork_child
 from .identity import take_name
 from .process import ChildProcess, OwnChild, specify, start
 
-_REPORT = struct.Struct("<ii")  # pid, and _STARTED (a pidfd comes with it) or the exit code; its own: _READY
+# A report: a pid, and _STARTED (a pidfd comes with it) or the exit code. Or the spawner's own pid, and _READY.
+_REPORT = struct.Struct("<ii")
 _STARTED, _READY = 1 << 30, 1 << 29
 _GROUP, _SESSION = b"g", b"s"
-"""What is asked for: a child that is a process group of its own, or a session."""
+"""The requests: a child that is a process group, or one that is a session."""
 _CODE_S = 0.5
 ANSWER_S = 1.0
-"""A fork takes milliseconds: a spawner that has not answered by then is frozen."""
+"""Seconds to wait for a fork. It takes milliseconds, so a spawner that has not answered by then is frozen."""
 READY_S = 5.0
-"""For one that replaces another to begin: a quarter of a second of computing, on a busy machine."""
+"""Seconds to wait for the start of a new spawner: a quarter of a second of computing, on a busy machine."""
 
 
 class SpawnedChild(ChildProcess):
-    """A child of the spawner's. Its exit code comes from there."""
+    """A child of the spawner, which reports its exit code."""
 
     def __init__(self, pid: int, link_socket: socket.socket, pidfd: int) -> None:
         super().__init__(pid, link_socket, pidfd)
@@ -55,7 +57,8 @@ class SpawnedChild(ChildProcess):
     async def wait(self) -> int:
         if self.code is None:
             await self._until_ended()
-            with trio.move_on_after(_CODE_S):  # a spawner that is gone tells none
+            # A spawner that has ended reports no exit code.
+            with trio.move_on_after(_CODE_S):
                 await self._coded.wait()
         return self.code or 0
 
@@ -65,7 +68,7 @@ class SpawnedChild(ChildProcess):
 
 
 class _Server:
-    """One spawner process, as its root has it."""
+    """The root's side of one spawner process."""
 
     def __init__(self, process: ChildProcess) -> None:
         self.process = process
@@ -78,7 +81,7 @@ class _Server:
         self.gone = False
 
     async def fork(self, session: bool) -> SpawnedChild | None:
-        """None when it does not answer, or is gone. One at a time."""
+        """Request a child. Return None if the spawner does not answer or has ended. Only one request at a time."""
         with trio.move_on_after(READY_S):
             await self._ready.wait()
         ours, theirs = socket.socketpair()
@@ -90,14 +93,14 @@ class _Server:
             with trio.move_on_after(ANSWER_S):
                 await answered.wait()
         except OSError:
-            pass  # it is gone
+            pass  # the spawner has ended
         self._asked = None
         if self._answer is None:
             ours.close()
         return self._answer
 
     async def hear(self) -> None:
-        """Take its reports; returns when it is gone."""
+        """Handle the reports of the spawner. Return when it has ended."""
         try:
             await self._hear()
         finally:
@@ -133,7 +136,8 @@ class _Server:
                     self._children.pop(pid).ended(what)
 
     def _started(self, pid: int, pidfd: int) -> None:
-        if self._asked is None:  # given up: its link is closed, so it ends before it is told what to run
+        # The request was given up. Its link is closed, so the child ends before it gets a specification.
+        if self._asked is None:
             os.close(pidfd)
             return
         ours, answered = self._asked
@@ -142,14 +146,18 @@ class _Server:
 
 
 class Spawner:
-    """Make it before there are threads, run ``run``, then ``start``."""
+    """Starts processes through a spawner. Create it before there are threads, run ``run``, then call ``start``."""
 
     def __init__(
         self, close: tuple[int, ...] = (), name: Sequence[str] = (), forget: Callable[[], object] | None = None
     ) -> None:
-        """``close``: descriptors that are not for the spawner to keep open. ``name``: what it is
-        called, for ``take_name``. ``forget``: called in it, so that what it starts is not born with
-        passwords and the paths of keys."""
+        """Fork the spawner.
+
+        Args:
+            close: Descriptors that the spawner closes.
+            name: Its name, as arguments of ``take_name``.
+            forget: Called in the spawner, so that its children do not inherit passwords and the paths of keys.
+        """
         self._name = tuple(name)
         ours, theirs = socket.socketpair()
         pid = os.fork()
@@ -170,15 +178,23 @@ class Spawner:
 
     @property
     def pid(self) -> int:
-        """Return the id of the process that starts others now."""
+        """Return the process id of the present spawner."""
         return self._server.process.pid
 
     async def start(
         self, entry: str, args: Mapping[str, Any], session: bool = False, descriptors: Sequence[int] = ()
     ) -> ChildProcess:
-        """As ``process.start``, without standing still; with ``session`` it is a session of its
-        own. ``descriptors``: see ``process.specify``. Raise ``OSError`` when the spawner does not
-        answer: then nothing was started, nor will be."""
+        """Start a child as ``process.start`` does, without standing still.
+
+        Args:
+            entry: ``module:function``.
+            args: Its arguments.
+            session: The child is a session.
+            descriptors: Open files for the child (``process.specify``).
+
+        Raises:
+            OSError: The spawner does not answer. Nothing was started, and nothing will be started later.
+        """
         async with self._one_at_a_time:
             if self._server.gone:
                 self._replace()
@@ -187,7 +203,7 @@ class Spawner:
                 why = "the process that starts others " + (
                     "has ended" if self._server.gone else f"did not answer within {ANSWER_S:g} s"
                 )
-                self._server.process.kill()  # from now on it starts nothing
+                self._server.process.kill()  # so it starts nothing later
                 self._replace()
                 raise OSError(f"{why}; it has been replaced")
         specify(child.socket, entry, args, descriptors)
@@ -198,7 +214,7 @@ class Spawner:
         self._replaced.set()
 
     async def run(self, task_status: trio.TaskStatus[None] = trio.TASK_STATUS_IGNORED) -> None:
-        """Hear what the spawner reports, and each that replaces it."""
+        """Handle the reports of the spawner, and of each one that replaces it."""
         task_status.started()
         async with trio.open_nursery() as nursery:
             while True:
@@ -208,16 +224,17 @@ class Spawner:
 
 
 def main(args: dict[str, Any], sock: socket.socket) -> None:
-    """Entry of a spawner that replaces another."""
+    """The entry of a spawner that replaces another one."""
     _serve(sock, args["name"])
 
 
 def _serve(sock: socket.socket, name: Sequence[str]) -> None:
-    """The spawner process: one request, one child; then report its end."""
+    """Run the spawner: fork one child for each request, and report each end."""
     if name:
         take_name(*name)
     gc.collect()
-    gc.freeze()  # a child's own collection then neither walks nor copies what it was born with (6 ms)
+    # A collection in a child then neither walks nor copies the inherited objects (6 ms).
+    gc.freeze()
     children: dict[int, int] = {}
     sock.sendall(_REPORT.pack(os.getpid(), _READY))
     while True:
@@ -234,6 +251,7 @@ def _serve(sock: socket.socket, name: Sequence[str]) -> None:
                 return
             pid = fork_child(descriptors[0], session=data == _SESSION)
             os.close(descriptors[0])
-            pidfd = os.pidfd_open(pid)  # before it can be reaped: nobody else can have its number
+            # Opened before the child can be reaped, so that its pid cannot be used again.
+            pidfd = os.pidfd_open(pid)
             children[pidfd] = pid
             socket.send_fds(sock, [_REPORT.pack(pid, _STARTED)], [pidfd])
