@@ -86,30 +86,31 @@ def _column(robot: str, column: Column) -> bytes:
 INTRODUCTION = """\
 # Kill matrix
 
-Each cell: one victim of a moving robot is broken in one way, and the time to the safe frame is read
-from the log of the robot's end of the wire, not from the program. This page was made by
-`strands-actors matrix --repeats {repeats} --jobs 2 -o docs/kill-matrix.md`; with `--drivers ROBOT`
-it measures that robot, and puts its column in the place of the one before.
+In each cell one process of a moving robot, or the robot itself, is broken in one way. The time to the
+safe frame is read from the twin's wire log, not from the program. The command
+`strands-actors matrix --repeats {repeats} --jobs 2 -o docs/kill-matrix.md` made this page. With
+`--drivers ROBOT` it replaces the column of that robot.
 
 * **median / worst**: milliseconds from the fault to the frame that brings the whole robot to its
-  safe state. Of a caller that ends by itself: from its end. Of a frozen robot or a pulled cable:
-  from its return; 0 when it had been told while it was frozen, and was told nothing more. Of the
-  other faults of the robot: from a stop that is given while the fault lasts; 0 when the robot had
-  been brought there by the fault itself.
-* **after**: setpoints behind that frame, over all trials. Anything but 0 is a defect; so is a time
-  past the bound.
-* **disturbed**: trials that were repeated, because the machine and not the robot made them late:
-  safe, past the bound, but the processes of tree, robot and bench stood in line for a processor
-  (Linux counts that) for more than {disturbed_ms:g} ms between fault and safe frame, and without
-  that would have kept the bound; or safe on another safe state, because a process that got no
-  processor looked frozen before the fault did. A trial that is not safe is always counted, and a
-  cell of which more trials were disturbed than not is not called safe. Benches run side by side
-  (`jobs`) and disturb each other.
-* Each caller is a process of its own session, forked from one that has imported everything; root,
-  wire and policy processes are started as they always are.
-* **Victims** are the roles of the running tree. Of a process of which the wire shows nothing (standby,
-  spawner, camera, recorder, stop process) the robot must go on for half a second; then it is stopped,
-  and time counts from that stop.
+  safe state. The time begins
+  * for a caller that ends by itself: at its end;
+  * for a frozen robot or a pulled cable: at its return. 0 means that the safe frame was written
+    during the freeze, and no other frame followed;
+  * for the other faults of the robot: at a stop that is given during the fault. 0 means that the
+    fault itself had already led to the safe state.
+* **after**: setpoints behind that frame, over all trials. Any value above 0 is a defect, and so is a
+  time past the bound.
+* **disturbed**: repeated trials, which the machine made late and not the robot. Such a trial was
+  safe but past the bound. Its processes (tree, robot, bench) waited for a processor for more than
+  {disturbed_ms:g} ms between fault and safe frame, by Linux' own count, and kept the bound without
+  that time. Or it was safe in another safe state, because a process without a processor looked
+  frozen before the fault. A trial that is not safe always counts. A cell with more disturbed than
+  undisturbed trials does not count as safe. Parallel benches (`jobs`) disturb each other.
+* Each caller has a separate session and is forked from a process with all imports. Root, wire and
+  policy processes start as usual.
+* **Victims** are the roles of the running tree. If the wire shows nothing of a victim's end (standby,
+  spawner, camera, recorder, stop process), the robot must go on for half a second. Then it is
+  stopped, and time counts from that stop.
 * **proves**: requirements of [safety-evidence.md](safety-evidence.md#requirements).
 """
 
@@ -117,28 +118,27 @@ it measures that robot, and puts its column in the place of the one before.
 PAIRS = """\
 # Kill matrix of pairs
 
-Each cell: two processes of a moving robot are broken, one within {apart_ms:g} ms of the other, in a
-drawn order, and the time to the safe frame is read from the log of the robot's end of the wire, not
-from the program. This page was made by
-`strands-actors matrix --pairs --repeats {repeats} --jobs 2 -o docs/kill-matrix-pairs.md`.
+In each cell two processes of a moving robot are broken within {apart_ms:g} ms, in random order. The
+time to the safe frame is read from the twin's wire log, not from the program. The command
+`strands-actors matrix --pairs --repeats {repeats} --jobs 2 -o docs/kill-matrix-pairs.md` made this
+page.
 
-* **kill**: SIGKILL; **freeze**: SIGSTOP, and SIGCONT at the end. Of `freeze + kill` the first
+* **kill**: SIGKILL; **freeze**: SIGSTOP, and SIGCONT at the end. In `freeze + kill` the first
   victim is frozen.
 * **median / worst**: milliseconds from the *later* of the two faults to the frame that brings the
-  whole robot to its safe state; 0 when it was there before the second one broke.
-* **bound**: of root and wire together the standby's: after two kills the driver's own, else the
-  time after which both count as silent, and one look, before it. Of all others the longer of the
-  two alone ([safety-faults.md](safety-faults.md#bounds-of-two-at-once)).
-* **Victims** are the roles of the running tree, every two of them. Two of which the wire shows nothing
-  are followed by a stop, from which time counts.
-* **after**: setpoints behind that frame, over all trials. Anything but 0 is a defect; so is a time
-  past the bound.
-* **disturbed**: as in [kill-matrix.md](kill-matrix.md): repeated, since the processes stood in line
-  for a processor for more than {disturbed_ms:g} ms.
-* **pkill python** reaches the script alone: the processes of the tree have names of their own.
-  `pkill -9 -f strands` reaches them all at once. Nobody is left to write, so there is no row for
-  it: what happens then is the firmware's doing (`firmware_watchdog` in the status of each robot,
-  and [safety-faults.md](safety-faults.md#firmware)).
+  whole robot to its safe state. 0 means that it was there before the second fault.
+* **bound**: for root and wire together that of the standby: the driver's bound after two kills,
+  otherwise also the time until both count as silent, and one tick. For all others the longer one of
+  the two alone ([safety-faults.md](safety-faults.md#bounds-of-two-at-once)).
+* **Victims** are all pairs of roles of the running tree. If the wire shows nothing of both faults, a
+  stop follows, and time counts from it.
+* **after**: setpoints behind that frame, over all trials. Any value above 0 is a defect, and so is a
+  time past the bound.
+* **disturbed**: repeated trials, as in [kill-matrix.md](kill-matrix.md): their processes waited for a
+  processor for more than {disturbed_ms:g} ms.
+* **pkill python** reaches only the script, because the processes of the tree have other names.
+  `pkill -9 -f strands` reaches all at once and has no row: no process is left to write, and the
+  firmware decides (`firmware_watchdog` in the status of each robot, and [safety-faults.md](safety-faults.md#firmware)).
 """
 
 
