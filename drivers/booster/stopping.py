@@ -4,7 +4,7 @@
 ``stop``  as ``hold``, then the upper body goes back to the robot's own controller
 ``damp``  the robot stands, then sinks in damping mode
 
-It stands by ``Move(0, 0, 0)``: without that request it keeps its last twist.
+It stands by the request ``Move(0, 0, 0)``. Without that it keeps its last twist.
 
 A request counts as done when it is answered with status 0, or when the robot reports a mode in which
 the opposite cannot happen.
@@ -28,7 +28,7 @@ from .rpc import NEVER_WALKS, STANDS, Mode
 
 TICK_S = 0.002
 TRIES = 3
-"""Number of ``Move(0, 0, 0)`` requests after which the upper body is handed back without an answer."""
+"""Number of unanswered ``Move(0, 0, 0)`` requests after which the upper body is handed back anyway."""
 AT_MOST_S = 1.0
 """Longest duration of a stop. A robot that receives our requests has answered by then."""
 HOLD_S = 0.05
@@ -45,7 +45,7 @@ than this."""
 REST_RAD = 0.01
 """A joint rests when it stays within this distance of one place for ``HOLD_S`` [assumed].
 
-At the kp of a hold this distance is 0.6 N m, by which legs that come to a halt may shake an arm. The
+At the kp of a hold this distance corresponds to 0.6 N m, by which legs that come to a halt may shake an arm. The
 place need not be the target: an arm that hangs below its target sinks once more when it is held where it
 was, and then rests. A joint that still turns at ``STILL_RAD_S`` covers 0.015 rad in this time, without
 getting far from any target.

@@ -75,8 +75,8 @@ def parse(
     parsed = parse_twist(plain, robot, axes, index, before)
     if isinstance(parsed, Refused):
         return parsed
-    base = [index for index, axis in enumerate(axes) if axis.mode is AxisMode.VELOCITY]
-    drives = any(parsed.values[index] != 0 for index in base)
+    base = [number for number, axis in enumerate(axes) if axis.mode is AxisMode.VELOCITY]
+    drives = any(parsed.values[number] != 0 for number in base)
     named, until_ns = set(parsed.named), parsed.until_ns
     if drives:
         if not named.isdisjoint(base):

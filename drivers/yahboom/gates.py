@@ -57,8 +57,8 @@ def parse(
     candidate = parse_twist(targets, robot, axes, index, on_axes)
     if isinstance(candidate, Refused):
         return candidate
-    moves_arm = any(index >= len(BASE) for index in candidate.named)
-    drives = candidate.until_ns > 0 or any(index < len(BASE) for index in candidate.named)
+    moves_arm = any(number >= len(BASE) for number in candidate.named)
+    drives = candidate.until_ns > 0 or any(number < len(BASE) for number in candidate.named)
     if TIME in action:
         given = finite(action[TIME])
         if given is None or given != int(given) or not 1 <= given <= MAX_TIME_MS:

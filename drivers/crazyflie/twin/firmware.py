@@ -251,9 +251,7 @@ class Firmware:
         for number, block in self.blocks.items():
             if block.period_s and self.time_s >= block.due_s:
                 block.due_s = max(block.due_s + block.period_s, self.time_s)
-                values = (
-                    packed(LOG_LAYOUTS[kind], LOG[number].read(self.reading)) for number, kind in block.variables
-                )
+                values = (packed(LOG_LAYOUTS[kind], LOG[row].read(self.reading)) for row, kind in block.variables)
                 stamp_ms = round((self.time_s - self._booted_s) * 1e3) % p.STAMP_WRAP_MS
                 head = bytes((number,)) + stamp_ms.to_bytes(3, "little")
                 yield p.encode(Port.LOG, 2, head + b"".join(values))
