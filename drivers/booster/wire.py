@@ -119,7 +119,7 @@ class BoosterSession:
         self.sensors: dict[str, tuple[float, ...]] = {}
         self._mode_ns = 0  # when the mode was asked for
         self._asked_ns = 0
-        self._is_answered = False  # the last request for the mode was answered
+        self._is_answered = False  # True if the last request for the mode was answered
         self._opened_ns = clock.now_ns()
         link.listen()
         link.follow("fall_down", p.FALL_TYPE, p.decode_fall, self._on_fall)

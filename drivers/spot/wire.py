@@ -201,7 +201,7 @@ class SpotWire(SessionWire[SpotSession]):
         """Set up our e-stop endpoint.
 
         Raises:
-            WireDown: The robot refuses, so another client drives it. The lease is returned to that
+            WireDown: The robot refuses, so another client drives it. Our lease is given back for that
                 client.
         """
         try:
