@@ -40,13 +40,15 @@ async def find_robot(domain: int, interface: str, robot_name: str) -> str:
         with trio.move_on_after(OTHERS_S if states.hosts else 0.0):
             while True:
                 await _look(participant)
-        found = states.hosts
+        addresses = states.hosts
     finally:
         participant.close()
-    if len(found) == 1:
-        return found[0]
-    if found:
-        raise WireDown(f"booster: there are robots at {', '.join(sorted(found))}. Give port=, the address of one")
+    if len(addresses) == 1:
+        return addresses[0]
+    if addresses:
+        raise WireDown(
+            f"booster: there are robots at {', '.join(sorted(addresses))}. Give port=, the address of one"
+        )
     name = f" called {robot_name!r}" if robot_name else ""
     raise WireDown(f"booster: no robot{name} answers in domain {domain}. Give port=, its address")
 

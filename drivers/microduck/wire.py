@@ -149,11 +149,11 @@ class MicroduckWire(Wire):
             raise WireDown(f"read: no state of robotd {silent} ({link.problem}). Check the robot")
         read, self._read = self._read, trio.Event()
         read.set()
-        told = [0.0 if value is None else value for value in self._told]
+        targets = [0.0 if value is None else value for value in self._told]
         seen_rad = state.joints_rad[p.HEAD_JOINTS] if state.joints_rad else state.head_rad
         return Observation(
             t_ns=link.stamps.new_ns,
-            position=(*state.applied, *seen_rad, *told[POSE_AT], told[OPEN]),
+            position=(*state.applied, *seen_rad, *targets[POSE_AT], targets[OPEN]),
             stamp_ns=(link.stamps.new_ns,) * len(self._config.axes),
             sensors=self._sensors(state, now_ns),
         )

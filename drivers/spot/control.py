@@ -138,8 +138,8 @@ class BodyLease:
     async def retain(self) -> None:
         """Show that the lease is in use. Raise ``LeaseLost`` or ``WireDown``."""
         if self._lease is not None:
-            told = await self._session.call("RetainLease", {"lease": p.newer_lease(self._lease, self._uses)})
-            self.check(told)
+            answer = await self._session.call("RetainLease", {"lease": p.newer_lease(self._lease, self._uses)})
+            self.check(answer)
 
     def check(self, told: Message) -> bool:
         """Check an answer for the result of its lease.

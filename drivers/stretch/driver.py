@@ -121,8 +121,8 @@ class Stretch(Driver):
         """Read the robot's own YAML. The ports of a twin are in its folder, and it needs no YAML."""
         if port or "parameters" in options:
             return dict(options)
-        found = read_folder(robot, folder_of(os.environ))
-        return {**options, "parameters": msgspec.to_builtins(found)}
+        read = read_folder(robot, folder_of(os.environ))
+        return {**options, "parameters": msgspec.to_builtins(read)}
 
     def __init__(self, robot: str, port: str, options: Mapping[str, Any]) -> None:
         given = {name: value for name, value in options.items() if name != "parameters"}

@@ -210,8 +210,10 @@ class StretchWire(Wire):
         statuses = await together(*(partial(self._boards[name].stepper_status, wait=True) for name in STEPPERS))
         for name, status in zip(STEPPERS, statuses, strict=True):
             if status is None or status.mode != p.Mode.HOLD:
-                found = "nothing" if status is None else f"mode {status.mode}"
-                raise WireDown(f"arm: {name} was told to hold and reports {found}. Check its cable and the runstop")
+                reported = "nothing" if status is None else f"mode {status.mode}"
+                raise WireDown(
+                    f"arm: {name} was told to hold and reports {reported}. Check its cable and the runstop"
+                )
             self._readings.holds(name, status, self._clock.now_ns())
 
     async def write(self, values: tuple[float, ...], permit: Permit) -> None:

@@ -81,12 +81,12 @@ class StretchBody:
             motor, own = world.steppers[name], config.motors[name]
             if motor.hand is Hand.SIM:
                 goal = min(max(target[name], own.low_m), own.high_m)
-                told = config.goal(name, goal)
-                motor.aim(told.position, told.velocity, told.acceleration)
+                command = config.goal(name, goal)
+                motor.aim(command.position, command.velocity, command.acceleration)
         for name, speed in zip((LEFT, RIGHT), config.wheels(target["vx"], target["wz"]), strict=True):
             if world.steppers[name].hand is Hand.SIM:
-                told = config.drive(name, speed)
-                world.steppers[name].spin(told.velocity, told.acceleration)
+                command = config.drive(name, speed)
+                world.steppers[name].spin(command.velocity, command.acceleration)
         for (plant, at), value in zip(self._servos, values[2:-2], strict=True):
             plant.aim(at, value)
 

@@ -123,9 +123,9 @@ class World:
             self.steppers[joint].homed = on
             return
         for chain, bus in zip(self.config.chains, self.chains, strict=True):
-            for at, found in enumerate(chain.joints):
+            for at, candidate in enumerate(chain.joints):
                 servo = bus.servos[at]
-                if found.key == joint and found.needs_homing and isinstance(servo, TurningServo):
+                if candidate.key == joint and candidate.needs_homing and isinstance(servo, TurningServo):
                     servo.home()
                     servo.write(HOMED.address, bytes((int(on),)))
                     return
