@@ -1,4 +1,4 @@
-"""What the wire and the stop channel of a T1 know of it."""
+"""The configuration that the wire and the stop channel of a T1 share."""
 
 from __future__ import annotations
 
@@ -9,15 +9,16 @@ from .robots import Model
 
 CONTROL_HZ = 100.0
 CONTROL_S = 1 / CONTROL_HZ
-"""The vendor's rate for commands."""
+"""Period of commands, at the vendor's rate."""
 
 TWIST_S = 0.3
-"""How long the robot walks by one ``move``."""
+"""How long one ``move`` walks."""
 
 
 LATE_S = 1.0
-"""A request of a participant that was killed may be carried out so late [assumed: the vendor's client
-gives up after 1 s]. The root is another participant, and its requests may overtake it."""
+"""Longest delay after which a request of a killed participant may still be carried out [assumed: the
+vendor's client gives up after 1 s]. The root is another participant, so its requests may overtake that
+one."""
 
 
 class BoosterConfig(msgspec.Struct, frozen=True):
@@ -25,8 +26,8 @@ class BoosterConfig(msgspec.Struct, frozen=True):
     host: str
     """The robot's address: ``host`` or ``host:port``."""
     interface: str = ""
-    """Our own address on its network; empty: the one that leads there."""
+    """Our own address on its network; empty for the interface that leads there."""
     domain: int = 0
     name: str = ""
-    """The robot's own, which is part of its topics; empty: it has none."""
+    """The robot's own name, which is part of its topics; empty if it has none."""
     command_type: CommandType = CommandType.PARALLEL

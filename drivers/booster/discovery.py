@@ -1,4 +1,4 @@
-"""Finding the one T1 on a network, when nobody has said where it is."""
+"""Find the one T1 on a network when no address was given."""
 
 from __future__ import annotations
 
@@ -11,15 +11,23 @@ from strands_actors.drivers.common.rtps import MULTICAST_GROUP, Participant, own
 from . import protocol as p
 
 FIND_S = 5.0
-"""For the first to answer."""
+"""Time for the first robot to answer."""
 OTHERS_S = 1.0
-"""For a second, which would make it a guess."""
+"""Time for a second robot to answer. With two, the choice would be a guess."""
 LOOK_S = 0.05
 
 
 async def find_robot(domain: int, interface: str, robot_name: str) -> str:
-    """Return the address of the one robot that tells its state there. Raise ``WireDown`` when there
-    is none, or more than one: commands would reach them all."""
+    """Return the address of the one robot that publishes its state in this domain.
+
+    Args:
+        domain: DDS domain of the robot.
+        interface: Name or address of the host's interface; empty for the default route.
+        robot_name: The robot's own name; empty if it has none.
+
+    Raises:
+        WireDown: There is no robot, or more than one: commands would reach all of them.
+    """
     try:
         participant = Participant(domain, address_of(interface) if interface else own_address(MULTICAST_GROUP))
     except ValueError as error:
@@ -32,13 +40,15 @@ async def find_robot(domain: int, interface: str, robot_name: str) -> str:
         with trio.move_on_after(OTHERS_S if states.hosts else 0.0):
             while True:
                 await _look(participant)
-        found = states.hosts
+        addresses = states.hosts
     finally:
         participant.close()
-    if len(found) == 1:
-        return found[0]
-    if found:
-        raise WireDown(f"booster: there are robots at {', '.join(sorted(found))}. Give port=, the address of one")
+    if len(addresses) == 1:
+        return addresses[0]
+    if addresses:
+        raise WireDown(
+            f"booster: there are robots at {', '.join(sorted(addresses))}. Give port=, the address of one"
+        )
     name = f" called {robot_name!r}" if robot_name else ""
     raise WireDown(f"booster: no robot{name} answers in domain {domain}. Give port=, its address")
 

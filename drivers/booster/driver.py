@@ -1,11 +1,14 @@
-"""Booster T1 on a DDS participant of our own: no SDK, whose calls take seconds to fail.
+"""Declare the Booster T1: its arms, its services, its gates and its safe states.
 
-The legs are always the robot's own controller's. Its arms are commanded joint by joint, once
-``enable_upper_body()`` has handed them over; ``move(vx, vy, vyaw)`` walks for 0.3 s, since the robot
-by itself keeps the last twist for ever; ``rotate_head(pitch, yaw)`` turns the head.
+The driver has its own DDS participant instead of the vendor's SDK, whose calls take seconds to fail.
 
-A late writer makes it stand and hold its arms. Every stop makes it stand and gives the arms back.
-An e-stop puts it into damping mode: it sinks to the floor.
+The robot's own controller always keeps the legs. ``enable_upper_body()`` hands over the arms, which
+are then commanded joint by joint. ``move(vx, vy, vyaw)`` walks for 0.3 s, since the robot keeps its
+last twist for ever. ``rotate_head(pitch, yaw)`` turns the head.
+
+    late writer   the robot stands and holds its arms
+    any stop      the robot stands and gets its arms back
+    e-stop        damping mode: the robot sinks to the floor
 """
 
 from __future__ import annotations
@@ -37,8 +40,9 @@ from .robots import BASE, TABLES, model_of
 _NAME = re.compile("[A-Za-z0-9_]{1,64}")
 
 GOAL_RAD = 0.1
-"""A joint so near to where it was told to be is on its way there, or hangs from it by its weight
-[assumed]: it goes on from that, so that it does not sink a little with every ``move``."""
+"""Distance below which a joint counts as on its way to its last goal, or as hanging from it by its
+weight [assumed]. The next target then starts at that goal. Otherwise the joint would sink a little with
+every ``move``."""
 
 
 class BoosterOptions(DriverOptions, frozen=True):
@@ -53,7 +57,7 @@ class BoosterOptions(DriverOptions, frozen=True):
 
 
 class _Found(BoosterOptions, frozen=True):
-    """What the caller has found out before the tree starts."""
+    """The options, with the address that the caller found before the tree starts."""
 
     found: str = ""
 
@@ -76,7 +80,7 @@ class BoosterDriver(Driver):
         Sensor("battery", {"pct": "battery_pct", "voltage": "battery_v"}),
     )
     SERVICES: ClassVar[Mapping[str, Service]] = {
-        # All of them count as motion: an older target is not sent again behind them.
+        # All of them count as motion, so that an older target is not sent again after them.
         "enable_upper_body": Service(
             "hand the arms over to this program; after each stop, and each change of mode, once more. With "
             "on=False as disable_upper_body",
@@ -124,7 +128,7 @@ class BoosterDriver(Driver):
     unit = "radians"
     timing = Timing(
         control_hz=CONTROL_HZ,
-        keepalive_s=0.9 * CONTROL_S,  # a little less than a period: whoever is on time is not doubled
+        keepalive_s=0.9 * CONTROL_S,  # less than a period: a setpoint that is on time is not doubled
         stream_ttl_s=0.1,
         oneshot_ttl_s=None,
         state_ttl_s=STATE_TTL_S,
@@ -140,7 +144,7 @@ class BoosterDriver(Driver):
         "none: left alone the robot holds its arms and keeps its last twist, it walks on. Nothing can be armed"
     )
     bound_s = 0.1
-    """From a death to the safe frame: the base stands first, and is asked whether it does."""
+    """From a death to the safe frame. The base stops first, and is asked whether it has."""
 
     @classmethod
     def resolve(cls, robot: str, options: Mapping[str, Any]) -> dict[str, Any]:
@@ -151,7 +155,7 @@ class BoosterDriver(Driver):
 
     @classmethod
     async def complete(cls, robot: str, port: str, options: Mapping[str, Any]) -> dict[str, Any]:
-        """Find the robot, where no port was given: one, so that wire and root mean the same."""
+        """Find the robot if no port was given, so that wire and root use the same address."""
         chosen = read_options(robot, _Found, options)
         if port or chosen.found:
             return dict(options)
@@ -178,27 +182,28 @@ class BoosterDriver(Driver):
         self._parser = Parser(model)
 
     def check_port(self) -> None:
-        if self.config.host:  # else it is looked for
+        if self.config.host:  # Without a host, the robot is searched for.
             check_peer(self.config.host)
 
     def parse(self, action: Mapping[str, float], state: GateState) -> Candidate | Refused:
-        """As the parser does; where nothing was accepted lately, joints that are not named go on
-        from ``first_target``."""
+        """Parse an action. If no target was accepted lately, joints that the action does not name
+        start at ``first_target``."""
         seen = replace(state.observation, position=self.first_target(state.observation))
         return refuse_others(self._model, action) or self._parser.parse(action, replace(state, observation=seen))
 
     def first_target(self, observation: Observation) -> tuple[float, ...]:
-        """Return where the arms are, or where they were told to be if they are near it."""
+        """Return the position of each arm joint, or its last goal if it is within ``GOAL_RAD``."""
         goal = observation.sensors.get("goal_rad", (math.nan,) * len(self.axes))
         return tuple(
-            told if abs(told - at) <= GOAL_RAD else at for told, at in zip(goal, observation.position, strict=True)
+            goal_rad if abs(goal_rad - position) <= GOAL_RAD else position
+            for goal_rad, position in zip(goal, observation.position, strict=True)
         )
 
     def check_service(self, service: str, arguments: Mapping[str, Any]) -> Refused | None:
         return super().check_service(service, arguments) or refuse_arguments(self._model, service, arguments)
 
     def as_json(self, values: Sequence[float]) -> dict[str, float]:
-        """Positions: a target's other rows stand behind them."""
+        """Return the positions only. The other rows of a target stand behind them."""
         return dict(zip(self.axes, values, strict=False))
 
     def commanded(self, action: Mapping[str, Any], values: Sequence[float]) -> dict[str, Any]:

@@ -1,4 +1,8 @@
-"""What a T1 refuses, from what it reports. Pure."""
+"""Refuse commands to a T1 by the robot's own reports. Pure: no I/O.
+
+Conditions must hold for the robot, independently of a command. Gates check one command. Services
+have checks of their arguments and of the robot's mode.
+"""
 
 from __future__ import annotations
 
@@ -21,26 +25,33 @@ from .robots import BASE, HEAD, LAST_ARM, Model
 from .rpc import WALKS, Mode
 
 STATE_TTL_S = 0.1
-"""Of a LowState [assumed]: 50 of them come in that time."""
+"""Age up to which a LowState counts [assumed]. 50 of them arrive in that time."""
 FALL_TTL_S = 1.0
-"""Of the fall state, which comes twice a second or more often: an older one refuses [assumed]."""
+"""Age up to which the fall state permits a command [assumed]. The robot sends it at least twice a
+second."""
 FALL_LOST_S = 3.0
-"""An older one ends what goes on: so long a robot is not silent that tells it twice a second."""
+"""Age of the fall state that ends a motion. A working robot sends it twice a second, so it is not
+silent for so long."""
 
 MODE_TTL_S = 1.0
-"""An older mode is not known: its legs may obey our frames by now. Five questions that nobody answered,
-and twice as long as an answer may take; without any answer the link counts as lost then, too."""
+"""Age at which the mode counts as unknown, because the legs may obey our frames by then. It is five
+unanswered requests, and twice the time that an answer may take. Without any answer for so long, the
+link counts as lost, too."""
 
 MODES = {mode.name.lower(): mode for mode in (Mode.DAMPING, Mode.PREPARE, Mode.WALKING, Mode.SOCCER)}
-"""What ``change_mode`` may ask for. Not custom: there every motor obeys LowCmd, the legs too."""
+"""The modes that ``change_mode`` accepts. Custom mode is missing: there every motor, the legs too,
+obeys LowCmd."""
 
 
-# -- conditions: what must be true of it, whatever it is told
+# -- conditions of the robot, independent of a command
 
 
 def conditions() -> tuple[Condition, ...]:
-    """Return them in the order in which they are asked. When one is not true any more, the robot
-    gets its upper body back, at once: it needs its arms to fall, and to get up."""
+    """Return the conditions in the order in which they are checked.
+
+    When one breaks, the robot gets its upper body back at once. It needs its arms to fall, and to get
+    up.
+    """
     return (
         Condition(ready, Reason.FAULT, SafeState.STOP, always=True),
         Condition(mode_known, Reason.FAULT, SafeState.STOP, always=True),
@@ -70,8 +81,8 @@ def not_ready(observation: Observation, now_ns: int, ttl_s: float) -> Refused | 
 
 
 def mode_known(observation: Observation, now_ns: int) -> Refused | None:
-    """Refuse a robot that may be in any mode: it has not told it of late, or has answered with an
-    error."""
+    """Refuse a robot that may be in any mode, because it has not reported its mode lately, or has
+    answered with an error."""
     known = observation.sensors.get("mode")
     if known is None:
         return Refused(Code.MODE_UNKNOWN, "the robot does not tell its mode", "check the robot's service")
@@ -94,12 +105,12 @@ def not_custom(observation: Observation, now_ns: int) -> Refused | None:
 
 
 def mode_in(observation: Observation) -> Mode | None:
-    """Return the mode that the robot has told; None: it is not known."""
+    """Return the mode that the robot reported; None if it is unknown."""
     known = observation.sensors.get("mode")
     return None if known is None else Mode(int(known[0]))
 
 
-# -- gates: of one command
+# -- gates: checks of one command
 
 
 def gates(model: Model) -> tuple[GateCheck, ...]:
@@ -141,7 +152,7 @@ def _handed_over(candidate: Candidate, state: GateState) -> Refused | None:
 
 
 def refuse_others(model: Model, action: Mapping[Any, object]) -> Refused | None:
-    """Refuse a motor that the robot's own controller keeps, and what moves head and base."""
+    """Refuse motors that the robot's own controller keeps, and speeds of the base given as joints."""
     keys = ", ".join(joint.key for joint in model.joints)
     for key in action:
         name = str(key).removesuffix(".pos")
@@ -159,7 +170,7 @@ def refuse_others(model: Model, action: Mapping[Any, object]) -> Refused | None:
 
 
 def refuse_arguments(model: Model, service: str, arguments: Mapping[str, Any]) -> Refused | None:
-    """Refuse a number that is none, or past its limit, and a mode that has no name here."""
+    """Refuse an argument that is no number or outside its limits, and a mode without a name here."""
     limits: dict[str, tuple[float, float, str]] = {}
     match service:
         case "move":
@@ -170,7 +181,7 @@ def refuse_arguments(model: Model, service: str, arguments: Mapping[str, Any]) -
         case "change_mode":
             return _refuse_mode(arguments)
         case "enable_upper_body" if not isinstance(on := arguments.get("on", True), bool):
-            shown = str(on)[:SHOWN]  # the text "no" would be a yes
+            shown = str(on)[:SHOWN]  # The text "no" would count as true.
             why = f"on is {shown!r}"
             return Refused(Code.BAD_ARGUMENT, why, "give True or False", shown, "True or False")
     for name, (low, high, unit) in limits.items():

@@ -1,7 +1,7 @@
-"""One participant on a T1's network: commands and requests out, states and answers in. Wire and
-stop channel are made of it.
+"""Speak to a T1 by one DDS participant: commands and requests out, states and answers in.
 
-Nothing here waits or loops: ``poll`` takes in what has arrived, ``send`` and ``ask`` leave at once.
+The wire and the stop channel each have one. Nothing here waits or loops: ``poll`` processes what has
+arrived, ``send_*`` and ``ask`` write at once.
 """
 
 from __future__ import annotations
@@ -26,10 +26,10 @@ from .protocol import IDLE, Command, Motor, State
 from .robots import LAST_ARM
 
 FIND_S = 4.0
-"""For both sides to find each other, and the first state."""
+"""Time for both sides to discover each other, and for the first state."""
 
 AGAIN_S = 0.2
-"""After so long without the answer that is wanted a request is made again."""
+"""Pause before a request without a good answer is sent again."""
 
 MAX_PENDING = 32
 
@@ -42,7 +42,7 @@ class Calls:
 
     def __init__(self, participant: Participant, robot_name: str, clock: Clock) -> None:
         self.heard_ns = 0
-        """When anything was answered."""
+        """Time of the newest answer, to any request."""
         self._clock = clock
         self._pending: dict[str, Heard] = {}
         self._writer = participant.writer(rpc.request_topic(robot_name), rpc.REQUEST_TYPE, reliable=True)
@@ -56,12 +56,22 @@ class Calls:
 
     @property
     def matched(self) -> bool:
-        """Both ways: a response to a reader that is not known yet would be lost."""
+        """Return True if both ways are matched. The robot's response would be lost if it did not know our
+        reader yet."""
         return self._writer.matched > 0 and self._reader.matched > 0
 
     def ask(self, api: rpc.Api, body: str, heard: Heard, stop: bool = False) -> bool:
-        """``heard`` is called from ``poll``, once or never. Return whether it left for somebody who
-        knows us: others may take it, or not. ``stop``: ask a robot that says that it has gone, too."""
+        """Send a request.
+
+        Args:
+            api: The function of the service.
+            body: Its arguments in JSON.
+            heard: Called from ``poll`` with the response, once or never.
+            stop: Send it also to a robot that has announced its departure.
+
+        Returns:
+            True if it was sent to a robot that is matched both ways. Another one may or may not take it.
+        """
         number = str(uuid.uuid4())
         if len(self._pending) >= MAX_PENDING:
             del self._pending[next(iter(self._pending))]
@@ -72,7 +82,7 @@ class Calls:
         return self._writer.write(request) > 0 and self.matched
 
     def _on_response(self, payload: memoryview, writer: bytes, t_ns: int) -> None:
-        with suppress(MalformedFrame):  # an answer that cannot be read is none, and is waited for as one
+        with suppress(MalformedFrame):  # An answer that cannot be read counts as a missing one.
             response = rpc.decode_response(payload[4:])
             heard = self._pending.pop(response.id, None)
             if heard is not None:
@@ -81,13 +91,12 @@ class Calls:
 
 
 class Order:
-    """A request that stops something, or asks for what a stop must know. It is made again until it is
-    answered as it should be. ``step`` is called often."""
+    """A request of a stop. It is repeated until it is answered with success. Call ``step`` often."""
 
     def __init__(self, calls: Calls, api: rpc.Api, body: str = "") -> None:
         self.written = False
         self.answer: rpc.Response | None = None
-        """The last one."""
+        """The newest answer."""
         self.tries = 0
         self._left = False
         self._calls = calls
@@ -101,11 +110,11 @@ class Order:
 
     @property
     def why(self) -> str:
-        """Why it is not done."""
+        """Return why it is not done."""
         return "not answered" if self.answer is None else self.answer.why
 
     def step(self, now_ns: int) -> None:
-        pause_s = AGAIN_S if self._left else CONTROL_S  # to one who does not hear us yet, soon again
+        pause_s = AGAIN_S if self._left else CONTROL_S  # Not yet matched: the next try comes sooner.
         if self.done or now_ns - self._asked_ns < pause_s * NS:
             return
         self._asked_ns = now_ns
@@ -119,7 +128,11 @@ class Order:
 
 
 class Link:
-    """Raise ``WireDown`` when the sockets cannot be had."""
+    """The participant, its writers and readers, and the newest state.
+
+    Raises:
+        WireDown: The sockets cannot be opened.
+    """
 
     def __init__(self, config: BoosterConfig, clock: Clock) -> None:
         robot = config.host
@@ -134,24 +147,24 @@ class Link:
         self.name = config.name
         self.malformed = 0
         self.calls = Calls(self.participant, config.name, clock)
-        # Reliable, which matches a reader of either kind; of its history there is one: a lost
-        # command is never followed by an older one.
+        # A reliable writer matches both kinds of readers. Its history holds one sample, so that a
+        # lost command is never followed by an older one.
         self.commands = self.participant.writer(
             p.topic("joint_ctrl", config.name), p.COMMAND_TYPE, reliable=True, depth=1
         )
         self._kind = config.command_type
         self._state: State | None = None
         self._state_ns = 0
-        self._pending: tuple[bytes, int] | None = None  # the newest, not looked at yet, and when it came
+        self._pending: tuple[bytes, int] | None = None  # the newest state, not decoded yet, and its arrival
         self._listens = False
 
     @property
     def heard(self) -> bool:
-        """Whether the robot takes our commands and answers our requests."""
+        """Return True if the robot takes our commands and answers our requests."""
         return self.commands.matched > 0 and self.calls.matched
 
     def listen(self) -> None:
-        """To the robot's state, from now on."""
+        """Subscribe to the robot's state."""
         if not self._listens:
             self._listens = True
             self.participant.reader(p.topic("low_state", self.name), p.STATE_TYPE, self._on_state)
@@ -159,15 +172,15 @@ class Link:
     def follow(
         self, name: str, type_name: str, decode: Callable[[memoryview], T], take: Callable[[T, int], None]
     ) -> None:
-        """Hear one more of the robot's topics: what is decoded, and when it came."""
+        """Subscribe to one more of the robot's topics. ``take`` gets each decoded sample and its time."""
 
         def on_sample(payload: memoryview, writer: bytes, t_ns: int) -> None:
             try:
-                told = decode(payload[4:])
+                sample = decode(payload[4:])
             except MalformedFrame:
                 self.malformed += 1
             else:
-                take(told, t_ns)
+                take(sample, t_ns)
 
         self.participant.reader(p.topic(name, self.name), type_name, on_sample)
 
@@ -181,19 +194,20 @@ class Link:
 
     @property
     def state(self) -> State | None:
-        """Return the newest that can be read. It is decoded when somebody looks: five come between two looks."""
+        """Return the newest readable state. It is decoded only here, since five states arrive between two
+        readings."""
         self._look()
         return self._state
 
     @property
     def state_ns(self) -> int:
-        """Return when ``state`` came; 0: none has."""
+        """Return the arrival of ``state``; 0 if none has arrived."""
         self._look()
         return self._state_ns
 
     def _look(self) -> None:
-        """Decode what has come. A state and its age are one: what cannot be read renews neither, or
-        the state before it would pass for a new one as long as such frames come."""
+        """Decode the newest payload. An unreadable one renews neither the state nor its age. Otherwise
+        the old state would pass for a new one as long as such frames arrive."""
         pending, self._pending = self._pending, None
         if pending is None:
             return
@@ -206,7 +220,7 @@ class Link:
             self._state_ns = t_ns
 
     def of_arms(self, row: Sequence[float]) -> tuple[float, ...]:
-        """Return a state's row by joint of the arms; NaN for a motor that the robot does not
+        """Return a state's row for the joints of the arms; NaN for a motor that the robot does not
         report."""
         return tuple(row[joint.slot] if joint.slot < len(row) else math.nan for joint in self.model.joints)
 
@@ -216,7 +230,7 @@ class Link:
     # -- commands
 
     def send_target(self, values: Sequence[float]) -> bool:
-        """A target, five rows; every other motor is told nothing. Return whether it left."""
+        """Send a target of five rows. All other motors get ``IDLE``. Return True if it was sent."""
         count = len(self.model.joints)
         rows = [values[count * row : count * (row + 1)] for row in range(len(ROWS))]
         joints = zip(self.model.joints, *rows, strict=True)
@@ -224,13 +238,13 @@ class Link:
         return command is not None and self.commands.write(command) > 0
 
     def send_hold(self, q: Sequence[float]) -> bool:
-        """Keep the arms there. Return whether it left."""
+        """Hold the arms at ``q``. Return True if it was sent."""
         joints = zip(self.model.joints, q, strict=True)
         command = self._command([Motor(joint.mode, at, 0.0, 0.0, joint.kp, joint.kd) for joint, at in joints])
         return command is not None and self.commands.write_stop(command) > 0
 
     def _command(self, arms: Sequence[Motor]) -> bytes | None:
-        """Return it as a payload; None: a robot that reports so few motors has no such arms."""
+        """Return the payload; None if the robot reports so few motors that it has no such arms."""
         state = self.state
         count = len(self.model.motors) if state is None else len(state.q)
         if count <= LAST_ARM:

@@ -1,7 +1,7 @@
-"""What a T1 says and is told on its topics: commands, states, fall, battery, odometer. Pure.
+"""Encode and decode the topics of a T1: commands, states, fall, battery, odometer. Pure: no I/O.
 
 A payload is XCDR1, little endian, without its four-byte encapsulation. Motors are in the order of
-their slots.
+their slots. Each ``decode_*`` raises ``MalformedFrame`` for a payload that it cannot read.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ COMMAND_TYPE, STATE_TYPE, FALL_TYPE = f"{TYPES}LowCmd_", f"{TYPES}LowState_", f"
 BATTERY_TYPE, ODOMETER_TYPE = f"{TYPES}BatteryState_", f"{TYPES}Odometer_"
 
 MOST_MOTORS = 64
-"""Of a frame; a T1 has 23."""
+"""Largest number of motors in a frame. A T1 has 23."""
 
 _COUNT = struct.Struct("<I")
 _COMMAND_HEAD = struct.Struct("<II")
@@ -32,7 +32,7 @@ _ODOMETER = struct.Struct("<3f")
 
 
 class CommandType(enum.IntEnum):
-    """Which of the two orders of the ankles' motors a command is in."""
+    """The order of the ankles' motors in a command. There are two."""
 
     PARALLEL = 0
     SERIAL = 1
@@ -46,13 +46,13 @@ class Fall(enum.IntEnum):
 
 
 def topic(name: str, robot_name: str) -> str:
-    """Return a topic as it is on the wire: ``rt/low_state``, or ``rt/alice/low_state`` of a robot
-    called alice."""
+    """Return the name of a topic on the wire: ``rt/low_state``, or ``rt/alice/low_state`` for a robot
+    that is called alice."""
     return f"rt/{robot_name}/{name}" if robot_name else f"rt/{name}"
 
 
 class Motor(NamedTuple):
-    """What one motor is told. Radians, newton metres, seconds."""
+    """The command to one motor. Radians, newton metres, seconds."""
 
     mode: int = 0
     q: float = 0.0
@@ -64,7 +64,7 @@ class Motor(NamedTuple):
 
 
 IDLE = Motor()
-"""What every motor outside the upper body is told: nothing."""
+"""The command to every motor outside the upper body, without an effect."""
 
 
 class Command(NamedTuple):
@@ -73,7 +73,7 @@ class Command(NamedTuple):
 
 
 class State(NamedTuple):
-    """What a LowState says; rows by slot. Radians, newton metres, degrees Celsius."""
+    """The content of a LowState, rows by slot. Radians, newton metres, degrees Celsius."""
 
     rpy: tuple[float, ...]
     gyro: tuple[float, ...]  # rad/s
@@ -87,13 +87,13 @@ class State(NamedTuple):
 class Battery(NamedTuple):
     voltage: float
     current: float
-    soc: float  # of which scale nobody has told: see ``percent``
+    soc: float  # in a scale that is not documented: see ``percent``
     average_voltage: float
 
     @property
     def percent(self) -> float:
-        """State of charge. More than 1 is a percentage, up to 1 a share of one [assumed]: its scale
-        is not documented."""
+        """State of charge. A value above 1 is read as a percentage, and up to 1 as a fraction
+        [assumed]: the scale is not documented."""
         return self.soc if self.soc > 1.0 else 100.0 * self.soc
 
 
@@ -109,7 +109,7 @@ def encode_command(command: Command) -> bytes:
 
 
 def decode_command(body: bytes | memoryview) -> Command:
-    """Raise ``MalformedFrame``."""
+    """Decode a LowCmd. Raise ``MalformedFrame``."""
     if len(body) < _COMMAND_HEAD.size:
         raise MalformedFrame(f"a LowCmd has {_COMMAND_HEAD.size} bytes at least, not {len(body)}")
     kind, count = _COMMAND_HEAD.unpack_from(body)
@@ -123,8 +123,8 @@ def decode_command(body: bytes | memoryview) -> Command:
 
 
 def encode_state(state: State) -> bytes:
-    """Both copies of the motors, parallel and serial, are the same, as they were when they were
-    heard."""
+    """Encode a LowState. Its two copies of the motors, parallel and serial, are the same here, as they
+    were in the recorded states."""
     motors = _COUNT.pack(len(state.q)) + b"".join(
         _STATE_MOTOR.pack(1, q, dq, 0.0, tau, temperature, 0)
         for q, dq, tau, temperature in zip(state.q, state.dq, state.tau, state.temperature, strict=True)
@@ -133,7 +133,7 @@ def encode_state(state: State) -> bytes:
 
 
 def decode_state(body: bytes | memoryview, kind: CommandType = CommandType.PARALLEL) -> State:
-    """Return the copy of the motors that ``kind`` names. Raise ``MalformedFrame``."""
+    """Decode a LowState, with the copy of the motors that ``kind`` names. Raise ``MalformedFrame``."""
     imu = _unpack(_IMU, body, "LowState")
     parallel, at = _motors(body, _IMU.size)
     serial, end = _motors(body, at)
@@ -147,7 +147,7 @@ def decode_state(body: bytes | memoryview, kind: CommandType = CommandType.PARAL
 
 
 def _motors(body: bytes | memoryview, at: int) -> tuple[bytes | memoryview, int]:
-    """Return one copy of the motors, and where it ends."""
+    """Return one copy of the motors, and the offset of its end."""
     if len(body) < at + _COUNT.size:
         raise MalformedFrame(f"a LowState that ends after {len(body)} bytes")
     (count,) = _COUNT.unpack_from(body, at)
@@ -163,7 +163,7 @@ def encode_fall(fall: Fall, recoverable: bool) -> bytes:
 
 
 def decode_fall(body: bytes | memoryview) -> tuple[Fall, bool]:
-    """Return the state, and whether the robot can get up by itself. Raise ``MalformedFrame``."""
+    """Return the fall state, and whether the robot can get up by itself. Raise ``MalformedFrame``."""
     number, recoverable = _unpack(_FALL, body, "FallDownState")
     state = int(number)
     if state not in Fall.__members__.values():
@@ -176,7 +176,7 @@ def encode_battery(battery: Battery) -> bytes:
 
 
 def decode_battery(body: bytes | memoryview) -> Battery:
-    """Raise ``MalformedFrame``."""
+    """Decode a BatteryState. Raise ``MalformedFrame``."""
     return Battery(*_finite(_unpack(_BATTERY, body, "BatteryState")))
 
 
@@ -185,12 +185,12 @@ def encode_odometer(odometer: Odometer) -> bytes:
 
 
 def decode_odometer(body: bytes | memoryview) -> Odometer:
-    """Raise ``MalformedFrame``."""
+    """Decode an Odometer. Raise ``MalformedFrame``."""
     return Odometer(*_finite(_unpack(_ODOMETER, body, "Odometer")))
 
 
 def _unpack(layout: struct.Struct, body: bytes | memoryview, name: str) -> tuple[float, ...]:
-    """Read the beginning of a payload: what stands behind it may be padding."""
+    """Read the beginning of a payload. The bytes behind it may be padding."""
     if len(body) < layout.size:
         raise MalformedFrame(f"a {name} has {layout.size} bytes at least, not {len(body)}")
     return layout.unpack_from(body)

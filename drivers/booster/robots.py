@@ -1,4 +1,4 @@
-"""The robots of this wire, as data: a table of ``robots.toml`` and its joints."""
+"""The robots of this wire as data: a table of ``robots.toml`` and its joints."""
 
 from __future__ import annotations
 
@@ -13,28 +13,28 @@ from strands_actors.drivers.common.robot_tables import RobotTables
 TABLES = RobotTables(__package__, "Booster")
 
 FIRST_ARM, LAST_ARM = 2, 9
-"""Slots of the upper body's motors: no other slot is ever commanded."""
+"""Slots of the upper body's motors. No other slot is ever commanded."""
 
 HEAD = {"pitch": "head_pitch", "yaw": "head_yaw"}
-"""What turns the head, and the joint that it turns."""
+"""The joint that each argument of ``rotate_head`` turns."""
 
 BASE = ("vx", "vy", "vyaw")
 
 
 class Model(msgspec.Struct, frozen=True):
-    """One robot: what is said to it, and what it may be told."""
+    """One robot: its motors and the limits of its commands."""
 
     name: str
     motors: tuple[Joint, ...]
-    """All of them, by slot."""
+    """All motors by slot."""
     max_kp: float
     max_kd: float
     twist: tuple[float, float, float]
-    """Fastest that may be asked for: vx, vy in m/s, vyaw in rad/s."""
+    """Largest twist that may be requested: vx, vy in m/s, vyaw in rad/s."""
 
     @property
     def joints(self) -> tuple[Joint, ...]:
-        """Those that may be commanded."""
+        """Return the motors that may be commanded."""
         return self.motors[FIRST_ARM : LAST_ARM + 1]
 
     @property
@@ -42,13 +42,13 @@ class Model(msgspec.Struct, frozen=True):
         return tuple(joint.axis for joint in self.joints)
 
     def limits(self, joint: str) -> tuple[float, float]:
-        """Range of any motor, radians."""
+        """Return the range of any motor, in radians."""
         return next((motor.low, motor.high) for motor in self.motors if motor.key == joint)
 
 
 @cache
 def model_of(robot: str) -> Model:
-    """By name or alias. Raise ``ValueError`` for a robot that is not of this wire."""
+    """Return a robot by name or alias. Raise ``ValueError`` if it is not of this wire."""
     table = TABLES.table(robot)
     return Model(
         TABLES.canonical(robot),

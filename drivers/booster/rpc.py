@@ -1,6 +1,7 @@
-"""A T1's service: requests and responses, and what is asked. Pure.
+"""Encode and decode a T1's service: requests, responses and their arguments. Pure: no I/O.
 
-Both are three texts: a unique id that joins them, a header and a body in JSON.
+A message is three texts: a unique id that a request shares with its response, a header in JSON and a
+body in JSON.
 """
 
 from __future__ import annotations
@@ -43,10 +44,10 @@ WALKS = (Mode.WALKING, Mode.SOCCER)
 STANDS = (Mode.PREPARE, *WALKS)
 """Modes in which the robot's own controller keeps it up."""
 NEVER_WALKS = (Mode.DAMPING, Mode.PREPARE, Mode.CUSTOM)
-"""Modes in which nothing comes of a Move."""
+"""Modes in which a Move has no effect."""
 
 CALL, FIRE_AND_FORGET = 0, 2
-"""``call_mode`` of a request: one is answered, the other is not."""
+"""``call_mode`` of a request: with a response, or without one."""
 
 OK, BAD_REQUEST, CONFLICT, TOO_FREQUENT, REFUSED, TRANSITION_FAILED = 0, 400, 409, 429, 501, 502
 STATUS_WORDS = {
@@ -78,7 +79,7 @@ class Response(NamedTuple):
 
     @property
     def why(self) -> str:
-        """What its status means; empty: it went well."""
+        """Return what the status means; empty for success."""
         return "" if self.status == OK else f"{STATUS_WORDS.get(self.status, 'an error')} ({self.status})"
 
 
@@ -91,8 +92,8 @@ def response_topic(robot_name: str) -> str:
 
 
 def encode_request(request: Request) -> bytes:
-    """The header is that of the vendor's SDK 1.6.3, and has the one field of its public headers,
-    ``expect_response``, too."""
+    """Encode a request. Its header is that of the vendor's SDK 1.6.3, with the one field of the public
+    headers, ``expect_response``."""
     mode = CALL if request.wants_answer else FIRE_AND_FORGET
     header = {
         "api_id": request.api,
@@ -104,7 +105,7 @@ def encode_request(request: Request) -> bytes:
 
 
 def decode_request(payload: bytes | memoryview) -> Request:
-    """Raise ``MalformedFrame``."""
+    """Decode a request. Raise ``MalformedFrame``."""
     number, text, body = _read_texts(payload)
     header = parsed(text)
     api = header.get("api_id")
@@ -119,7 +120,7 @@ def encode_response(response: Response) -> bytes:
 
 
 def decode_response(payload: bytes | memoryview) -> Response:
-    """Raise ``MalformedFrame``."""
+    """Decode a response. Raise ``MalformedFrame``."""
     number, text, body = _read_texts(payload)
     status = parsed(text).get("status")
     if isinstance(status, bool) or not isinstance(status, int):
@@ -128,7 +129,7 @@ def decode_response(payload: bytes | memoryview) -> Response:
 
 
 def mode_of(body: str) -> Mode:
-    """Return what GetMode answered; a mode that has no name here is unknown. Raise
+    """Return the mode in an answer to GetMode; ``UNKNOWN`` if it has no name here. Raise
     ``MalformedFrame``."""
     number = parsed(body).get("mode")
     if isinstance(number, bool) or not isinstance(number, int):
@@ -137,7 +138,7 @@ def mode_of(body: str) -> Mode:
 
 
 def number_in(body: Mapping[str, Any], name: str) -> float:
-    """Raise ``MalformedFrame``."""
+    """Return a finite number of a body. Raise ``MalformedFrame``."""
     value = finite(body.get(name))
     if value is None:
         raise MalformedFrame(f"{name} is {body.get(name)!r}")
@@ -149,7 +150,7 @@ def move(vx_m_s: float, vy_m_s: float, vyaw_rad_s: float) -> str:
 
 
 ZERO = move(0.0, 0.0, 0.0)
-"""Stand."""
+"""The body of a Move that stops the base."""
 
 
 def rotate_head(pitch_rad: float, yaw_rad: float) -> str:
@@ -184,19 +185,19 @@ def _texts(*texts: str) -> bytes:
 
 
 def _read_texts(payload: bytes | memoryview) -> tuple[str, str, str]:
-    found: list[str] = []
-    at = 0
+    texts: list[str] = []
+    offset = 0
     for _ in range(3):
-        if len(payload) < at + _LENGTH.size:
+        if len(payload) < offset + _LENGTH.size:
             raise MalformedFrame("a message of fewer than three texts")
-        (length,) = _LENGTH.unpack_from(payload, at)
-        at += _LENGTH.size
-        data = bytes(payload[at : at + length])
+        (length,) = _LENGTH.unpack_from(payload, offset)
+        offset += _LENGTH.size
+        data = bytes(payload[offset : offset + length])
         if length > MAX_TEXT or len(data) != length or not data or data[-1]:
             raise MalformedFrame("a text that does not end")
         try:
-            found.append(data[:-1].decode())
+            texts.append(data[:-1].decode())
         except UnicodeDecodeError as error:
             raise MalformedFrame(f"a text that is none: {error}") from None
-        at += length + -length % 4
-    return found[0], found[1], found[2]
+        offset += length + -length % 4
+    return texts[0], texts[1], texts[2]

@@ -1,4 +1,4 @@
-"""The root's own way to a T1."""
+"""The root's stop channel to a T1."""
 
 from __future__ import annotations
 
@@ -16,8 +16,10 @@ from .stopping import bring_down, unconfirmed
 
 
 class BoosterStopChannel(StopChannel):
-    """A participant of the root's own, which the robot knows before it is needed. It hears no states
-    until it stops the robot: 500 a second are nothing for the root."""
+    """A stop channel with its own participant, which the robot discovers before a stop needs it.
+
+    It subscribes to states only during a stop, since the root need not process 500 of them a second.
+    """
 
     def __init__(self, config: BoosterConfig, descriptors: Sequence[int], clock: Clock) -> None:
         self._config = config

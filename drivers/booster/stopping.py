@@ -1,12 +1,13 @@
-"""How a T1 is brought to a safe state. Wire and root do so alike.
+"""Bring a T1 to a safe state. The wire and the root use the same procedure.
 
-``hold``  it stands (``Move(0, 0, 0)``, which it would not do by itself: it keeps its last twist), its arms are held
-          where they are
-``stop``  the same, then the upper body goes back to the robot's own controller
-``damp``  it stands, then damping mode: it sinks
+``hold``  the robot stands and its arms are held at their present positions
+``stop``  as ``hold``, then the upper body goes back to the robot's own controller
+``damp``  the robot stands, then sinks in damping mode
 
-An order counts once it is answered with status 0, or once the robot reports a mode in which nothing
-can come of the contrary.
+It stands by the request ``Move(0, 0, 0)``. Without that it keeps its last twist.
+
+A request counts as done when it is answered with status 0, or when the robot reports a mode in which
+the opposite cannot happen.
 """
 
 from __future__ import annotations
@@ -27,30 +28,38 @@ from .rpc import NEVER_WALKS, STANDS, Mode
 
 TICK_S = 0.002
 TRIES = 3
-"""Of Move(0, 0, 0), before the upper body is handed back all the same."""
+"""Number of unanswered ``Move(0, 0, 0)`` requests after which the upper body is handed back anyway."""
 AT_MOST_S = 1.0
-"""By then a robot that hears us has answered."""
+"""Longest duration of a stop. A robot that receives our requests has answered by then."""
 HOLD_S = 0.05
-"""For so long at least a hold is sent: a datagram may be lost, five are not."""
+"""Shortest duration of a hold. One datagram may be lost, five are not."""
 WAIT_S = 0.1
-"""How long handing back waits for a first state, which tells where to hold."""
+"""How long handing back waits for a first state, which shows where to hold."""
 FRESH_S = 0.2
-"""A position that is older is not held."""
+"""Age up to which a position may be held."""
 MODE_S = 0.05
-"""How often the mode is asked for while a hold is sent, as the wire asks while it sends commands."""
+"""Period of asking for the mode during a hold, the same as the wire's while it sends commands."""
 STILL_RAD_S = 0.3
-"""A joint that turns faster is not at rest [assumed]. A slower one need not be, either: this is as much
-as a measured speed tells."""
+"""A faster joint is not at rest [assumed]. A slower one may move, too: a measured speed shows no more
+than this."""
 REST_RAD = 0.01
-"""A joint that stays so near to one place for ``HOLD_S`` rests [assumed]. At the kp of a hold that is
-0.6 N m, by which legs that come to a halt may shake an arm. The place need not be the target: an arm
-that hangs from it by its weight sinks once more as it is held where it was, and then rests. What turns
-on at ``STILL_RAD_S`` goes 0.015 rad in this time, without coming far from any target."""
+"""A joint rests when it stays within this distance of one place for ``HOLD_S`` [assumed].
+
+At the kp of a hold this distance corresponds to 0.6 N m, by which legs that come to a halt may shake an arm. The
+place need not be the target: an arm that hangs below its target sinks once more when it is held where it
+was, and then rests. A joint that still turns at ``STILL_RAD_S`` covers 0.015 rad in this time, without
+getting far from any target.
+"""
 
 
 async def bring_down(link: Link, safe_state: SafeState, arms: bool | None = None) -> tuple[MotorReport, ...]:
-    """The first frame leaves before the first wait. Never raises. ``arms``: whether the upper body
-    is ours; None: it may be."""
+    """Bring the robot to a safe state. The first frame leaves before the first wait. Never raises.
+
+    Args:
+        link: The participant to use.
+        safe_state: ``hold``, ``stop`` or ``damp``.
+        arms: True if the host has the upper body, False if it has not, None if that is unknown.
+    """
     way = _Way(link, safe_state, arms)
     way.step(link.clock.now_ns())
     link.listen()
@@ -75,18 +84,18 @@ class _Way:
             SafeState.DAMP: Order(link.calls, rpc.Api.CHANGE_MODE, rpc.change_mode(Mode.DAMPING)),
         }.get(SafeState(safe_state))
         self._modes = Order(link.calls, rpc.Api.GET_MODE)
-        self._mode: Mode | None = None  # as the robot has told since this began
+        self._mode: Mode | None = None  # as reported since the stop began
         self._asked_ns = 0
         self._holds: tuple[float, ...] = ()
-        self._held_ns = self._first_ns = 0  # the last and the first frame that left
+        self._held_ns = self._first_ns = 0  # times of the last and the first frame that left
         joints = len(link.model.joints)
-        self._places = [math.nan] * joints  # where each joint stays, and since when
+        self._places = [math.nan] * joints  # where each joint stays; since when is in the next row
         self._since_ns = [0] * joints
 
     # -- step by step
 
     def step(self, now_ns: int) -> None:
-        """Send what is due."""
+        """Send the frames and requests that are due."""
         self._zero.step(now_ns)
         if self._may_go_on(now_ns) and self._last is not None:
             self._last.step(now_ns)
@@ -96,7 +105,7 @@ class _Way:
         self._watch()
 
     def _ask_mode(self, now_ns: int) -> None:
-        """Once, and now and then as long as an order is refused, or the arms are held."""
+        """Ask for the mode once, then again as long as a request is refused or the arms are held."""
         answer = self._modes.answer
         if self._modes.done and answer is not None:
             with suppress(MalformedFrame):
@@ -110,8 +119,8 @@ class _Way:
         self._modes.step(now_ns)
 
     def _may_go_on(self, now_ns: int) -> bool:
-        """Whether the last order is due: damping mode at once, handing back when it stands and its
-        arms are held."""
+        """Return True if the last request is due. Damping mode is due at once. Handing back is due when
+        the robot stands and its arms are held."""
         if self._last is None:
             return False
         if self._safe_state == SafeState.DAMP or self._last.tries:
@@ -127,25 +136,26 @@ class _Way:
 
     @property
     def _may_hold(self) -> bool:
-        """In custom mode a frame would let go of the legs. Who does not know whether the arms are
-        ours does not know that the mode is another one, either, before the robot has told."""
+        """Return True if hold frames may be sent. In custom mode a frame would let go of the legs. If it
+        is unknown who has the arms, the mode is unknown, too, until the robot reports it."""
         if self._arms is None:
             return self._mode in STANDS
         return self._arms and self._mode is not Mode.CUSTOM
 
     def _hold(self, now_ns: int) -> None:
-        """Behind the zero."""
+        """Send a hold frame, after the zero of the base."""
         if not self._zero.written or now_ns - self._held_ns < CONTROL_S * NS:
             return
-        if not self._first_ns:  # what has not left yet would swing the arms back if it did so later
+        # The target is renewed until the first frame has left: an old one would swing the arms back.
+        if not self._first_ns:
             self._holds = self._where(now_ns)
         if self._holds and self._link.send_hold(self._holds):
             self._held_ns = now_ns
             self._first_ns = self._first_ns or now_ns
 
     def _where(self, now_ns: int) -> tuple[float, ...]:
-        """Where each joint is now; empty: not known of all. Then none is told anything, and the
-        robot keeps its last goal."""
+        """Return the present position of each joint; empty if that is not known of all. In that case no
+        frame is sent, and the robot keeps its last goal."""
         link = self._link
         state = link.state
         if state is None or now_ns - link.state_ns > FRESH_S * NS:
@@ -154,15 +164,16 @@ class _Way:
         return () if any(map(math.isnan, here)) else here
 
     def _watch(self) -> None:
-        """Look where each joint stays, in states that came after the first frame."""
+        """Note where each joint stays, by the states that arrived after the first frame."""
         state, state_ns = self._link.state, self._link.state_ns
         if state is None or not self._first_ns or state_ns <= self._first_ns:
             return
-        for at, rad in enumerate(self._link.of_arms(state.q)):
-            if not abs(rad - self._places[at]) <= REST_RAD:  # so for a NaN: not reported, or the first state
-                self._places[at], self._since_ns[at] = rad, state_ns
+        for index, rad in enumerate(self._link.of_arms(state.q)):
+            # The condition is true for a NaN, too: the joint is not reported, or this is the first state.
+            if not abs(rad - self._places[index]) <= REST_RAD:
+                self._places[index], self._since_ns[index] = rad, state_ns
 
-    # -- what became of it
+    # -- results
 
     @property
     def _stands(self) -> bool:
@@ -170,7 +181,7 @@ class _Way:
 
     @property
     def _why(self) -> str:
-        """What is not confirmed; empty: nothing."""
+        """Return the unconfirmed request with its reason; empty if all are confirmed."""
         if not self._stands:
             return f"Move(0, 0, 0): {self._zero.why}"
         last = self._last
@@ -189,13 +200,13 @@ class _Way:
         return bool(long_enough and all(self._still()))
 
     def _still(self) -> list[bool]:
-        """Tell of each joint whether states that came after the first frame show it at rest. The speed alone
-        does not: an arm that turns slowly, and takes no notice of the frames, has a low one."""
+        """Return for each joint whether the states after the first frame show it at rest. The speed alone
+        is not enough: an arm that ignores the frames and turns slowly has a low one."""
         state, state_ns = self._link.state, self._link.state_ns
         if state is None:
             return [False] * len(self._since_ns)
         return [
-            abs(rad_s) <= STILL_RAD_S and 0 < since_ns <= state_ns - HOLD_S * NS  # not so for a NaN
+            abs(rad_s) <= STILL_RAD_S and 0 < since_ns <= state_ns - HOLD_S * NS  # False for a NaN
             for rad_s, since_ns in zip(self._link.of_arms(state.dq), self._since_ns, strict=True)
         ]
 
@@ -206,7 +217,8 @@ class _Way:
         why, joints = self._why, self._link.model.joints
         if why or self._safe_state != SafeState.HOLD or self._arms is False:
             return tuple(MotorReport(joint.key, joint.slot, written, answered, not why, why) for joint in joints)
-        if not self._first_ns:  # orders are for the base: of the arms, which keep their last goal, nothing left
+        # Only requests for the base have left. No frame was sent to the arms, which keep their last goal.
+        if not self._first_ns:
             return unconfirmed(
                 self._link.model,
                 "the robot takes no commands" if self._holds else "where it is is not known",

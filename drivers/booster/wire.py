@@ -1,8 +1,8 @@
-"""The wire of a T1 in the wire process.
+"""The wire of a T1, in the wire process.
 
-Reading is taking in what has arrived. The robot keeps its last twist, so a twist has an end here:
-``Twist`` sends zero when it is over, until that is answered. The arms keep what they were told,
-too, and are told again while that lives.
+A reading is made of the samples that have arrived. The robot keeps its last twist for ever. ``Twist``
+therefore sends a zero when a twist is over, and repeats it until it is answered. The arms keep their
+last goal, too. A target is sent again as long as it is in force.
 """
 
 from __future__ import annotations
@@ -33,23 +33,23 @@ from .rpc import NEVER_WALKS, STANDS, WALKS, Api, Mode, Response
 from .stopping import TICK_S, bring_down, unconfirmed
 
 MODE_EVERY_S = 0.2
-"""How often the robot is asked for its mode, and after how long again if it has not answered."""
+"""Period of asking for the mode, with or without an answer."""
 MODE_WITH_ARMS_S = 0.05
-"""The same while the arms are ours: for so long, and until the answer is there, commands leave for a
-robot that is in custom mode since, and lets go of its legs by them. One that says that it is asked too
-often is asked as if they were not ours."""
+"""The same period while the host has the arms. If the robot changes to custom mode, commands still leave
+for this time and until the answer is there, and the legs let go by them. A robot that answers that it is
+asked too often is asked at the slower rate."""
 ANSWER_S = 0.5
-"""For what was asked of it."""
+"""Longest time for the answer to a request."""
 EXTRAS_S = 1.0
-"""For what is told slowly: fall state, battery."""
+"""Longest time for the slow topics at the start: fall state, battery."""
 REACH_S = 0.6
-"""For a robot that is to be stopped, and does not know us yet."""
+"""Time for a robot that has to be stopped to discover our new participant."""
 SILENT_S = 1.0
-"""Without a state, or an answer, for so long the link counts as lost."""
+"""The link counts as lost after so long without a state or an answer."""
 
 
 class Twist:
-    """How the base was told to move, and the zero that ends it."""
+    """The present twist of the base, and the zero that ends it."""
 
     def __init__(self, link: Link) -> None:
         self._link = link
@@ -57,11 +57,11 @@ class Twist:
         self._zero: Order | None = None
 
     def begin(self, until_ns: int) -> None:
-        """Another one, in place of the last."""
+        """Start a twist, which replaces the last one."""
         self._until_ns, self._zero = until_ns, None
 
     def forget(self) -> None:
-        """Somebody else stops the base."""
+        """Drop the twist, because a stop ends it in another way."""
         self._until_ns, self._zero = 0, None
 
     def end(self) -> None:
@@ -79,8 +79,8 @@ class Twist:
 
 
 class GiveBack:
-    """Gives an upper body back that may be ours without our knowing: what was asked for it was not
-    answered in time, or nobody knows its mode any more."""
+    """Hand back an upper body that the host may have without knowing it: a request for it was not
+    answered in time, or the mode has become unknown."""
 
     def __init__(self, link: Link) -> None:
         self._link = link
@@ -90,7 +90,7 @@ class GiveBack:
         self._order = Order(self._link.calls, Api.UPPER_BODY, rpc.upper_body(False))
 
     def forget(self) -> None:
-        """It is asked for again."""
+        """Drop the request, because the upper body is requested again."""
         self._order = None
 
     def step(self, now_ns: int, mode: Mode | None) -> None:
@@ -98,13 +98,13 @@ class GiveBack:
         if order is None:
             return
         order.step(now_ns)
-        # where nothing keeps the robot up nothing is handed over
+        # In a mode in which no controller keeps the robot up, there is nothing to hand back.
         if order.done or (order.answer is not None and mode is not None and mode not in STANDS):
             self._order = None
 
 
 class BoosterSession:
-    """What exists between ``open`` and ``close``."""
+    """The state between ``open`` and ``close``."""
 
     def __init__(self, config: BoosterConfig, clock: Clock) -> None:
         self.link = link = Link(config, clock)
@@ -113,13 +113,13 @@ class BoosterSession:
         self.back = GiveBack(link)
         self.armed = False
         self.told = trio.Event()  # set by the next reading
-        self.mode: Mode | None = None  # None: it is not known
-        self.ours: Mode | None = None  # the mode in which the upper body was handed over; None: it is not ours
-        self.goal: tuple[float, ...] = ()  # where the arms were told to be
+        self.mode: Mode | None = None  # None if it is unknown
+        self.ours: Mode | None = None  # the mode in which the upper body was handed over; None if it was not
+        self.goal: tuple[float, ...] = ()  # last goal of the arms
         self.sensors: dict[str, tuple[float, ...]] = {}
-        self._mode_ns = 0  # when the question was asked that told it
+        self._mode_ns = 0  # when the mode was asked for
         self._asked_ns = 0
-        self._is_answered = False  # the last question for the mode
+        self._is_answered = False  # True if the last request for the mode was answered
         self._opened_ns = clock.now_ns()
         link.listen()
         link.follow("fall_down", p.FALL_TYPE, p.decode_fall, self._on_fall)
@@ -127,7 +127,7 @@ class BoosterSession:
         link.follow("odometer_state", p.ODOMETER_TYPE, p.decode_odometer, self._on_odometer)
 
     def poll(self, now_ns: int) -> None:
-        """Take in what came, ask for what is due, end what is over."""
+        """Process the samples that have arrived, send due requests, and end an expired twist or mode."""
         self.link.poll()
         if self.mode is not None and now_ns - self._mode_ns > gates.MODE_TTL_S * NS:
             self.note_mode(None, now_ns)
@@ -139,7 +139,7 @@ class BoosterSession:
             self.link.calls.ask(Api.GET_MODE, "", partial(self.hear_mode, now_ns))
 
     def silent_s(self, now_ns: int) -> float:
-        """How long no state, or no answer, has come."""
+        """Return the time since the newest state or the newest answer, whichever is older."""
         heard_ns = min(self.link.state_ns, self.link.calls.heard_ns or self._opened_ns)
         return (now_ns - heard_ns) / NS
 
@@ -167,11 +167,11 @@ class BoosterSession:
             sensors["goal_rad"] = self.goal
         return Observation(state_ns, link.of_arms(state.q), (state_ns,) * count, link.of_arms(state.dq), sensors)
 
-    # -- what is heard
+    # -- received samples
 
     def hear_mode(self, asked_ns: int, response: Response) -> None:
-        """Take what a question for the mode was answered. One that tells no mode says that it may be
-        any; but for one that came too soon after another, and was not looked at."""
+        """Take the answer to a request for the mode. An answer without a readable mode makes the mode
+        unknown. One that refuses the request as too frequent changes nothing."""
         if response.status == rpc.TOO_FREQUENT or asked_ns < self._mode_ns:
             return
         self._is_answered = True
@@ -184,11 +184,11 @@ class BoosterSession:
     def note_mode(self, mode: Mode | None, at_ns: int) -> None:
         self.mode, self._mode_ns = mode, at_ns
         if self.ours is not None and self.ours is not mode:
-            self.ours = None  # in another mode the upper body is whose it was [assumed]
+            self.ours = None  # Another mode returns the upper body to its former owner [assumed].
             self.back.begin()
 
-    def _on_fall(self, told: tuple[Fall, bool], t_ns: int) -> None:
-        fall, recoverable = told
+    def _on_fall(self, sample: tuple[Fall, bool], t_ns: int) -> None:
+        fall, recoverable = sample
         self.sensors["fall_state"] = float(fall), t_ns / NS
         self.sensors["recoverable"] = (float(recoverable),)
 
@@ -213,7 +213,7 @@ class BoosterWire(PromptSessionWire[BoosterSession]):
     # -- the link
 
     async def open(self) -> dict[str, Any]:
-        """Find the robot, hear it, and ask for its mode."""
+        """Connect to the robot, and wait for its state and its mode."""
         self.close()
         self.session_or_none = session = BoosterSession(self._config, self._clock)
         link, where = session.link, self._config.host
@@ -227,7 +227,7 @@ class BoosterWire(PromptSessionWire[BoosterSession]):
         return {"address": where, "motors": len(link.state.q), "mode": session.mode.name.lower()}
 
     async def serve(self, task_status: trio.TaskStatus[None] = trio.TASK_STATUS_IGNORED) -> None:
-        """End a twist in time, whatever else goes on."""
+        """End each twist in time, beside all other calls."""
         task_status.started()
         async with aclosing(self._clock.ticks(CONTROL_S)) as ticks:
             async for now_ns in ticks:
@@ -250,7 +250,7 @@ class BoosterWire(PromptSessionWire[BoosterSession]):
     # -- commanding
 
     async def arm(self, permit: Permit) -> Observation:
-        """Nothing is energised: the robot stands by its own controller."""
+        """Check that the robot may be moved. Nothing is energised: its own controller keeps it up."""
         session = self.session
         observation = await self.read()
         now_ns = self._clock.now_ns()
@@ -289,8 +289,8 @@ class BoosterWire(PromptSessionWire[BoosterSession]):
         return motors
 
     async def reach(self, safe_state: SafeState) -> tuple[MotorReport, ...]:
-        """By the participant that the robot knew, which finds it again by itself; else by a new
-        one, which has to be found first."""
+        """Stop by the existing participant, which the robot discovers again by itself; otherwise by a
+        new one, which has to be discovered first."""
         session = self.session_or_none
         if session is not None:
             session.twist.forget()
@@ -333,7 +333,7 @@ class BoosterWire(PromptSessionWire[BoosterSession]):
     async def _walk(
         self, session: BoosterSession, arguments: Mapping[str, Any], permit: Permit
     ) -> dict[str, Any] | Refused:
-        if session.mode not in WALKS:  # what is known of it may be a moment old
+        if session.mode not in WALKS:  # The known mode may be a moment old.
             await self._look_at_mode(session, permit)
         refusal = gates.why_no_move(session.mode) or self._unfit(await self.read())
         if refusal is not None:
@@ -342,7 +342,7 @@ class BoosterWire(PromptSessionWire[BoosterSession]):
         permit.check()
         session.twist.begin(self._clock.now_ns() + round(TWIST_S * NS))
         answer = await self._ask(session, Api.MOVE, rpc.move(vx, vy, vyaw), permit)
-        # Whatever is answered: the twist has an end, since it may walk all the same, or later.
+        # The twist gets its end with any answer, since the robot may walk in spite of it, or later.
         return _refused("move", answer) or {"vx": vx, "vy": vy, "vyaw": vyaw, "for_s": TWIST_S}
 
     async def _change_mode(self, session: BoosterSession, mode: Mode, permit: Permit) -> dict[str, Any] | Refused:
@@ -355,7 +355,7 @@ class BoosterWire(PromptSessionWire[BoosterSession]):
             changed = refusal is None
         finally:
             if had_arms and not changed:
-                session.back.begin()  # it is in the mode in which it handed them over
+                session.back.begin()  # The robot is still in the mode in which it handed them over.
         if changed:
             session.note_mode(mode, asked_ns)
         return refusal or {"mode": mode.name.lower()}
@@ -379,7 +379,7 @@ class BoosterWire(PromptSessionWire[BoosterSession]):
                 session.ours = mode
         finally:
             if not session.has_arms:
-                session.back.begin()  # a hold came, or no answer: it may do so yet
+                session.back.begin()  # A hold came, or no answer. It may still hand them over.
         if refusal is not None:
             return refusal
         await self._told(session)
@@ -398,8 +398,7 @@ class BoosterWire(PromptSessionWire[BoosterSession]):
         return _refused("disable_upper_body", answer) or {"upper_body": False}
 
     async def _told(self, session: BoosterSession) -> None:
-        """Wait for the next reading, so that the gate knows what has changed before the caller is
-        answered."""
+        """Wait for the next reading, so that the gate sees the change before the caller gets its reply."""
         session.told = told = trio.Event()
         await told.wait()
 
@@ -415,22 +414,22 @@ class BoosterWire(PromptSessionWire[BoosterSession]):
             session.hear_mode(asked_ns, answer)
 
     async def _ask(self, session: BoosterSession, api: Api, body: str, permit: Permit) -> Response | None:
-        """Return what is answered; None: nothing, in time."""
-        heard: list[Response] = []
+        """Send a request and return its response; None without one in ``ANSWER_S``."""
+        responses: list[Response] = []
         permit.check()
-        session.link.calls.ask(api, body, heard.append)
+        session.link.calls.ask(api, body, responses.append)
         with trio.move_on_after(ANSWER_S):
-            while not heard:
+            while not responses:
                 session.poll(self._clock.now_ns())
                 await trio.sleep(TICK_S)
-        return heard[0] if heard else None
+        return responses[0] if responses else None
 
     async def _until(self, condition: Callable[[], bool], otherwise: str) -> None:
         if not await self._look(condition, FIND_S):
             raise WireDown(otherwise)
 
     async def _look(self, condition: Callable[[], bool], within_s: float) -> bool:
-        """Take in what comes until it makes the condition true."""
+        """Process what arrives until the condition is true. Return False after ``within_s`` seconds."""
         session = self.session
         with trio.move_on_after(within_s):
             while not condition():
@@ -441,7 +440,7 @@ class BoosterWire(PromptSessionWire[BoosterSession]):
 
 
 def _refused(service: str, answer: Response | None) -> Refused | None:
-    """Return why it is not done; None: it is."""
+    """Return the refusal for an answer; None if the service was carried out."""
     if answer is None:
         why = "the robot has not answered; it may do so yet"
         return Refused(BoosterCode.NOT_CONFIRMED, why, "look at the robot", "no answer", f"within {ANSWER_S:g} s")

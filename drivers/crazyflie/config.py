@@ -1,4 +1,4 @@
-"""What the wire and the stop channel of a Crazyflie know of it."""
+"""The configuration that the wire and the stop channel of a Crazyflie share."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ ACCEPTED = (
 )
 
 TAKEOFF_M, TAKEOFF_S, LAND_S = 0.5, 2.0, 2.0
-"""Of ``takeoff`` and ``land``, where they are not told otherwise."""
+"""Defaults of ``takeoff`` and ``land``."""
 LANDING_M_S = 0.4
-"""Mean speed of a landing, of none is it more. The firmware flies from rest to rest, in the middle 35/16
-times as fast: 0.875 m/s, which stays below the 1.0 m/s that its controller asks for at most
-(``posCtlPid.zVelMax``). Faster, and the drone is still in the air when the motors go off."""
+"""Largest mean speed of a landing. The firmware flies from rest to rest, and in the middle 35/16 times as fast:
+0.875 m/s. That is below 1.0 m/s, the most that its controller asks for (``posCtlPid.zVelMax``). At a higher speed
+the drone would still be in the air when the motors go off."""
 
 _RADIO = re.compile(r"(\d)/(\d{1,3})/(250K|1M|2M)(?:/([0-9A-Fa-f]{10}))?")
 RATES = {"250K": 0, "1M": 1, "2M": 2}
@@ -30,11 +30,11 @@ LAST_CHANNEL = 125
 
 
 class Endpoint(msgspec.Struct, frozen=True):
-    """Where a Crazyflie is: a ``port`` that was parsed."""
+    """The place of a Crazyflie: a parsed ``port``."""
 
     kind: Literal["udp", "tcp", "serial", "radio", "usb"]
     host: str = ""
-    number: int = 0  # port; dongle or drone, where there are several
+    number: int = 0  # network port; or the index of the dongle or drone, if there are several
     path: str = ""
     channel: int = 0
     rate: int = 0
@@ -42,12 +42,12 @@ class Endpoint(msgspec.Struct, frozen=True):
 
     @property
     def is_usb(self) -> bool:
-        """Whether it is reached by a USB device: only one process can have that."""
+        """Return True if a USB device reaches the drone. Only one process can have that device open."""
         return self.kind in ("radio", "usb")
 
 
 def parse_port(port: str) -> Endpoint:
-    """Raise ``ValueError`` with what would be accepted."""
+    """Parse a port. Raise ``ValueError`` that names the accepted forms."""
     scheme, found, rest = port.partition("://")
     if not found:
         scheme, rest = "udp", port
@@ -67,8 +67,8 @@ def parse_port(port: str) -> Endpoint:
 
 
 LATE_S = 0.2
-"""A packet that was sent may arrive so late, behind one of the root [assumed: three repetitions by a radio,
-or a network of one access point]."""
+"""Longest delay of a packet behind one of the root [assumed: three repetitions by a radio, or a network of one
+access point]."""
 
 
 class CrazyflieConfig(msgspec.Struct, frozen=True):
@@ -79,12 +79,12 @@ class CrazyflieConfig(msgspec.Struct, frozen=True):
     battery_v: float
     climb_m_s: float
     silent_s: float = 1.0
-    """Without a row of the log for so long the link counts as lost."""
+    """The link counts as lost after so long without a row of the log."""
     fresh_s: float = 0.5
-    """What was read is believed for so long."""
+    """Age up to which a reading counts."""
 
     def endpoint(self) -> Endpoint:
-        """Raise ``WireDown`` for a port that is none."""
+        """Return the parsed port. Raise ``WireDown`` if it is invalid."""
         try:
             return parse_port(self.port)
         except ValueError as error:

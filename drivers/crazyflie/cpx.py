@@ -1,9 +1,8 @@
-"""CPX, which carries CRTP over TCP and serial lines: two bytes of route and function, then the
-data. Pure.
+"""Encode and decode CPX, which carries CRTP over TCP and serial lines: two bytes of route and function, then the
+data. Pure: no I/O.
 
-On TCP a frame is its length (16 bits) and the packet. On a serial line it is 0xFF, the length, the
-packet and the XOR of all of that; a length of zero says "ready for the next", and each end waits
-for that before it sends one.
+On TCP a frame is its length (16 bits) and the packet. On a serial line it is 0xFF, the length, the packet, and the
+XOR of all these. A length of zero means "ready for the next", and each end waits for that before it sends a frame.
 """
 
 from __future__ import annotations
@@ -15,7 +14,7 @@ import operator
 from strands_actors.drivers.common.malformed import MalformedFrame
 
 LONGEST = 100
-"""Bytes of a packet on a serial line."""
+"""Largest packet on a serial line, in bytes."""
 START = 0xFF
 READY = bytes((START, 0))
 
@@ -31,13 +30,13 @@ class Function(enum.IntEnum):
 
 
 BRIDGE = b"\x21\x01"
-"""System: CRTP goes over CPX from now on."""
+"""Request to the system: use CRTP over CPX from now on."""
 CLIENT = b"\x20\x01"
-"""System: a client is there."""
+"""Notice to the system: a client is there."""
 
 
 def packet(function: Function, data: bytes, to_robot: bool = True) -> bytes:
-    """Return a packet from the host to the robot, or back."""
+    """Return a packet from the host to the robot, or from the robot to the host."""
     source, destination = (Target.HOST, Target.STM32) if to_robot else (Target.STM32, Target.HOST)
     return bytes((source << 3 | destination, function)) + data
 
@@ -56,7 +55,7 @@ def tcp_frame(data: bytes) -> bytes:
 
 
 def uart_frame(data: bytes) -> bytes:
-    """Raise ``ValueError`` for a packet that is too long."""
+    """Return a frame. Raise ``ValueError`` for a packet that is too long."""
     if len(data) > LONGEST:
         raise ValueError(f"a CPX packet of {len(data)} bytes, not up to {LONGEST}")
     head = bytes((START, len(data))) + data
@@ -64,14 +63,14 @@ def uart_frame(data: bytes) -> bytes:
 
 
 class TcpDecoder:
-    """Bytes in any pieces, packets out."""
+    """Decode a stream of bytes into packets."""
 
     def __init__(self) -> None:
         self._held = bytearray()
 
     def feed(self, data: bytes) -> list[bytes]:
-        """Raise ``MalformedFrame`` for a length that no packet has: nothing after it can be
-        understood."""
+        """Return the complete packets. Raise ``MalformedFrame`` for an impossible length: all later bytes are
+        unreadable."""
         self._held += data
         packets = []
         while len(self._held) >= 2:
@@ -86,8 +85,7 @@ class TcpDecoder:
 
 
 class UartDecoder:
-    """Bytes in any pieces; packets out, and b"" for each "ready". What is no frame is skipped and
-    counted."""
+    """Decode a stream of bytes into packets, with b"" for each "ready". Invalid bytes are skipped and counted."""
 
     def __init__(self) -> None:
         self._held = bytearray()
@@ -95,7 +93,7 @@ class UartDecoder:
 
     def feed(self, data: bytes) -> list[bytes]:
         self._held += data
-        found: list[bytes] = []
+        packets: list[bytes] = []
         while self._held:
             start = self._held.find(START)
             if start:
@@ -109,7 +107,7 @@ class UartDecoder:
                 self.damaged += 1
                 del self._held[0]
             elif size == 0:
-                found.append(b"")
+                packets.append(b"")
                 del self._held[:2]
             elif len(self._held) < size + 3:
                 break
@@ -117,9 +115,9 @@ class UartDecoder:
                 self.damaged += 1
                 del self._held[0]
             else:
-                found.append(bytes(self._held[2 : size + 2]))
+                packets.append(bytes(self._held[2 : size + 2]))
                 del self._held[: size + 3]
-        return found
+        return packets
 
 
 def _xor(data: bytes | bytearray) -> int:

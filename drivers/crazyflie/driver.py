@@ -1,14 +1,13 @@
-"""Bitcraze Crazyflie, on CRTP over UDP, TCP, a serial line, a Crazyradio or USB: no SDK.
+"""Declare the Bitcraze Crazyflie, on CRTP over UDP, TCP, a serial line, a Crazyradio or USB, without an SDK.
 
-Four verbs end or begin a flight, and each means something else:
+Four verbs begin or end a flight:
 
 ``takeoff()``         arms the motors and rises; the only way up, and no agent has it
-``land()``            comes down because its program says so; ``takeoff()`` may follow
-``stop()``            lands whatever goes on; nothing flies again before ``resume()``
-``emergency_stop()``  cuts the motors in the air, and locks it until it is switched off and on
+``land()``            lands as a part of the program; ``takeoff()`` may follow
+``stop()``            lands in any situation; nothing flies again before ``resume()``
+``emergency_stop()``  cuts the motors in the air, and locks the drone until it is switched off and on
 
-A late writer makes it hover, level, where it is; a hover without a command lands after half a
-minute.
+After a late writer the drone hovers, level, at its place. A hover without a command lands after half a minute.
 """
 
 from __future__ import annotations
@@ -33,7 +32,7 @@ from .gates import conditions_of, gates_of
 from .robots import AXES, TABLES, VZ, Z, part_of
 
 LIFETIME_S = 0.3
-"""Of a command to a drone."""
+"""Lifetime of a command to a drone."""
 BY_USB = "a port radio:// or usb://"
 SERVICE_RANGES = {"height": (0.1, 2.0, "m"), "duration": (0.5, 10.0, "s")}
 
@@ -147,8 +146,8 @@ class Crazyflie(Driver):
             check_device(endpoint.path)
 
     def parse(self, action: Mapping[str, float], state: GateState) -> Candidate | Refused:
-        """Return speeds and a height; behind them whether the height counts (a hover, speeds in the
-        drone's own frame) or not (speeds in the world's frame)."""
+        """Return speeds, a height, and a flag. The flag is 1 if the height counts (a hover, with speeds in the
+        drone's own frame), and 0 if not (speeds in the world's frame)."""
         target = (*state.target[:Z], state.observation.position[Z])
         parsed = parse_action(action, self.robot, self.table, self._index, target)
         if isinstance(parsed, Refused):
@@ -164,7 +163,7 @@ class Crazyflie(Driver):
             return refusal
         for name, default in self.SERVICES[service].arguments.items():
             if name not in SERVICE_RANGES:
-                continue  # a speed: ``parse`` judges it
+                continue  # It is a speed, which ``parse`` checks.
             low, high, unit = SERVICE_RANGES[name]
             value = finite(arguments.get(name, default))
             if value is None or not low <= value <= high:
@@ -188,4 +187,4 @@ def _is_usb(port: str) -> bool:
     try:
         return parse_port(port).is_usb
     except ValueError:
-        return False  # refused when it is opened
+        return False  # Opening it refuses this port.

@@ -1,4 +1,4 @@
-"""What a Crazyflie refuses, from what it reports. Pure."""
+"""Refuse commands to a Crazyflie by the robot's own reports. Pure: no I/O."""
 
 from __future__ import annotations
 
@@ -28,13 +28,13 @@ from .robots import VZ, Z
 Row = tuple[float, ...]
 
 SETTLED_DEG = 15.0
-"""Tilt above which it does not stand well enough to take off [assumed]."""
+"""Tilt above which the drone does not stand well enough to take off [assumed]."""
 BATTERY_AGE_S = 2.0
-"""A voltage that is older counts as none: it comes ten times a second [assumed]."""
+"""Age above which a voltage counts as missing. The drone sends it ten times a second [assumed]."""
 
 
 def sensors_of(flight: Flight, position: Position, position_age_s: float, hover_s: float) -> dict[str, Row]:
-    """Return what is read, by name, unit in the name."""
+    """Return the sensors by names that end with the unit."""
     return {
         "xyz_m": (position.x_m, position.y_m, flight.z_m),
         "rpy_rad": (flight.roll_rad, flight.pitch_rad, position.yaw_rad),
@@ -48,17 +48,22 @@ def sensors_of(flight: Flight, position: Position, position_age_s: float, hover_
 
 
 def bits_in(sensors: Mapping[str, Row]) -> Bit | None:
-    """Return what the supervisor said; None: nothing was read."""
+    """Return the supervisor's flags; None if they were never read."""
     row = sensors.get("supervisor")
     return None if row is None else Bit(int(row[0]))
 
 
-# -- conditions: what must be true of it, whatever it is told
+# -- conditions of the robot, independent of a command
 
 
 def conditions_of(battery_v: float, hover_s: float) -> tuple[Condition, ...]:
-    """Return them in the order in which they are asked. Each names what is done when it is not true
-    any more: a drone that lies on its back has its motors cut, one with a low battery lands."""
+    """Return the conditions in the order in which they are checked. Each has its own safe state: a drone that
+    lies on its back has its motors cut, one with a low battery lands.
+
+    Args:
+        battery_v: Voltage below which the drone lands.
+        hover_s: Longest hover without a command.
+    """
     return (
         Condition(_locked, Reason.FAULT, SafeState.LIMP, always=True),
         Condition(_upset, Reason.FAULT, SafeState.LIMP, always=True),
@@ -88,7 +93,7 @@ def _battery(floor_v: float) -> ConditionCheck:
     def battery(observation: Observation, now_ns: int) -> Refused | None:
         bits = bits_in(observation.sensors)
         if bits is None or not bits.airborne:
-            return None  # on the floor it is takeoff that asks
+            return None  # On the floor, ``takeoff`` checks the battery.
         return _refuse_battery(observation.sensors, floor_v)
 
     return battery
@@ -133,7 +138,7 @@ def _flying(observation: Observation, now_ns: int) -> Refused | None:
     return Refused(CrazyflieCode.NOT_FLYING, "it stands on the floor, motors off", "call takeoff() first")
 
 
-# -- gates: of one command
+# -- gates: checks of one command
 
 
 def gates_of(axes: Sequence[Axis], state_ttl_s: float) -> tuple[GateCheck, ...]:
@@ -141,7 +146,7 @@ def gates_of(axes: Sequence[Axis], state_ttl_s: float) -> tuple[GateCheck, ...]:
 
 
 def _within_heights(heights_m: tuple[float, float]) -> GateCheck:
-    """Refuse to climb past the ceiling, or to sink into its own wash, by a speed."""
+    """Return a gate that refuses a climb past the ceiling, and a descent into the drone's own downwash."""
     low, high = heights_m
 
     def within_heights(candidate: Candidate, state: GateState) -> Refused | None:
@@ -161,7 +166,7 @@ def _within_heights(heights_m: tuple[float, float]) -> GateCheck:
 
 
 def why_no_takeoff(bits: Bit | None, sensors: Mapping[str, Row], floor_v: float) -> Refused | None:
-    """Return why it may not take off now; None: it may."""
+    """Return why the drone may not take off now; None if it may."""
     if bits is None:
         return Refused(Code.NO_OBSERVATION, "its supervisor does not answer", "check radio and power")
     if Bit.LOCKED in bits:

@@ -1,7 +1,7 @@
-"""What a Crazyflie is told while nobody commands it in the air: to rise, then to stay. Pure.
+"""Setpoints of a drone that flies without a command: a rise, then a hover. Pure: no I/O.
 
-Each packet is sent by ``Wire.feed``, which is called only while gate and transport answer: so the
-firmware's own watchdog stays in force through a takeoff and a hover.
+``Wire.feed`` sends each packet, and is called only while gate and transport reply. So the firmware's own watchdog
+stays in force during a takeoff and a hover.
 """
 
 from __future__ import annotations
@@ -14,9 +14,16 @@ from . import protocol as p
 
 
 class Hover(msgspec.Struct, frozen=True):
-    """From one height to another in ``duration_s``, then still there. ``duration_s`` 0: still at
-    once. ``risen_s``: who is not in the air after that, by ``CrazyflieSession.robot_s``, lies on the floor; a row
-    from before may show it as it was before it rose."""
+    """A flight from one height to another, then a hover.
+
+    Attributes:
+        began_ns: Start of the flight.
+        to_m: The height of the hover.
+        from_m: The height at the start.
+        duration_s: Duration of the flight; 0 for a hover at once.
+        risen_s: Time in ``CrazyflieSession.robot_s`` of the end of the rise. If a later row does not show the
+            drone in the air, it lies on the floor. An earlier row may be from before it rose.
+    """
 
     began_ns: int
     to_m: float
@@ -35,5 +42,5 @@ class Hover(msgspec.Struct, frozen=True):
         return now_ns - self.began_ns < self.duration_s * NS
 
     def still_s(self, now_ns: int) -> float:
-        """Return for how long it has been still."""
+        """Return the duration of the hover so far, seconds."""
         return max(0.0, (now_ns - self.began_ns) / NS - self.duration_s)

@@ -1,5 +1,5 @@
-"""Links to a Crazyflie that carry packets of CRTP: UDP, TCP and serial lines. (Radio and USB:
-``usb_links``.)"""
+"""Links to a Crazyflie that carry CRTP packets: UDP, TCP and serial lines. For radio and USB see
+``usb_links``."""
 
 from __future__ import annotations
 
@@ -20,41 +20,41 @@ from .config import Endpoint
 
 BAUD = 576_000
 READY_S = 2.0
-"""Within which a serial line's other end must be ready."""
+"""Longest time until the other end of a serial line is ready."""
 UNASKED_S = 0.3
-"""So long it is waited for that it says so by itself: one that has just started does ten times a second."""
+"""How long to wait for an unsolicited ready signal. A drone that has just started sends it ten times a second."""
 SAID_AGAIN_S = 0.25
-"""After which a request is written again to one that does not say that it took it."""
+"""Pause before an unacknowledged request is written again."""
 
 
 class Link(Protocol):
-    """Everything raises ``WireDown`` once the link is gone."""
+    """A link. All methods raise ``WireDown`` once it is gone."""
 
     name: str
     prompt: bool = True
-    """Whether ``write`` and ``read_waiting`` never wait."""
+    """True if ``write`` and ``read_waiting`` never wait."""
 
     outlives_a_loss: bool = False
-    """Whether what was lost may carry something again: it has no connection that could be dead."""
+    """True if a lost link may work again, because it has no connection that could be dead."""
 
     async def write(self, packet: bytes, permit: Permit | None = None) -> None:
-        """Send a packet. ``permit`` is checked as the last thing before."""
+        """Send a packet. ``permit`` is checked immediately before."""
         ...
 
     async def read(self) -> bytes:
-        """Return the next packet. One task at a time."""
+        """Wait for the next packet. Only one task may do so at a time."""
         ...
 
     def read_waiting(self) -> bytes | None:
-        """Return a packet that is already there, else None. Never waits."""
+        """Return a packet that has already arrived, else None. Never waits."""
         ...
 
     async def serve(self, task_status: trio.TaskStatus[None] = trio.TASK_STATUS_IGNORED) -> None:
-        """Keep up what the link needs, if it needs anything."""
+        """Keep the link up, if it needs that."""
         task_status.started()
 
     def handover(self) -> Sequence[int]:
-        """Return descriptors by which another process can write; valid until ``close``."""
+        """Return descriptors by which another process can write. They are valid until ``close``."""
         return ()
 
     def close(self) -> None: ...
@@ -75,7 +75,7 @@ class UdpLink(Link):
         try:
             self._port.write(packet)
         except WireDown:
-            self._port.write(packet)  # the refusal may have been of an earlier packet, and has been told now
+            self._port.write(packet)  # The error may belong to an earlier packet, and is cleared by now.
 
     async def read(self) -> bytes:
         return await self._port.read()
@@ -88,7 +88,7 @@ class UdpLink(Link):
 
 
 class TcpLink(Link):
-    """CPX over TCP."""
+    """A link of CPX over TCP."""
 
     def __init__(self, port: TcpPort) -> None:
         self._port = port
@@ -97,7 +97,7 @@ class TcpLink(Link):
         self.name = f"tcp://{port.name}"
 
     def bridge(self) -> None:
-        """Ask for CRTP over CPX."""
+        """Request CRTP over CPX."""
         self._port.write(cpx.tcp_frame(cpx.packet(cpx.Function.SYSTEM, cpx.BRIDGE)))
 
     async def write(self, packet: bytes, permit: Permit | None = None) -> None:
@@ -130,8 +130,8 @@ class TcpLink(Link):
 
 
 class SerialLink(Link):
-    """CPX over a serial line. A setpoint is not written while the robot has not taken the frame
-    before; what makes it safe is."""
+    """A link of CPX over a serial line. A setpoint is not written while the robot has not acknowledged the previous
+    frame. A safe frame is."""
 
     def __init__(self, port: BytePort, name: str) -> None:
         self._port = port
@@ -141,9 +141,11 @@ class SerialLink(Link):
         self.name = name
 
     async def bridge(self) -> None:
-        """Synchronise, and ask for CRTP over CPX. Raise ``WireDown``. A robot that has talked to another
-        process of ours since it was switched on does not say by itself that it is ready, but after a
-        frame."""
+        """Synchronise, and request CRTP over CPX. Raise ``WireDown``.
+
+        A robot that has talked to another of our processes since it was switched on does not signal by itself that
+        it is ready. It does so after a frame.
+        """
         self._ready = False
         with trio.move_on_after(READY_S):
             await self._until_ready(UNASKED_S)
@@ -190,7 +192,7 @@ class SerialLink(Link):
         self._waiting += carried(full)
 
     async def hung_up(self) -> None:
-        """Return once the adapter is gone."""
+        """Wait until the adapter is gone."""
         await self._port.hung_up()
 
     def handover(self) -> Sequence[int]:
@@ -201,12 +203,12 @@ class SerialLink(Link):
 
 
 def adopt_line(descriptor: int, path: str) -> SerialLink:
-    """Take over what ``SerialLink.handover`` of another process gave."""
+    """Return a link on a descriptor from ``SerialLink.handover`` of another process."""
     return SerialLink(adopt_serial(descriptor, path), f"serial://{path}")
 
 
 async def open_line(path: str) -> SerialLink:
-    """Raise ``WireDown``."""
+    """Open a serial line. Raise ``WireDown``."""
     line = SerialLink(open_serial(path, BAUD), f"serial://{path}")
     try:
         await line.bridge()
@@ -217,7 +219,7 @@ async def open_line(path: str) -> SerialLink:
 
 
 async def open_link(endpoint: Endpoint) -> Link:
-    """Open a link that needs no USB. Raise ``WireDown``."""
+    """Open a link that does not need USB. Raise ``WireDown``."""
     match endpoint.kind:
         case "udp":
             return UdpLink(open_udp(endpoint.host, endpoint.number))
@@ -231,13 +233,13 @@ async def open_link(endpoint: Endpoint) -> Link:
 
 
 def carried(packets: Sequence[bytes]) -> list[bytes]:
-    """Return the packets of CRTP that packets of CPX carry; others are none of ours."""
-    found = []
+    """Return the CRTP packets in CPX packets. Others are dropped."""
+    crtp = []
     for packet in packets:
         try:
             function, data = cpx.parse(packet)
         except MalformedFrame:
             continue
         if function == cpx.Function.CRTP and data:
-            found.append(data)
-    return found
+            crtp.append(data)
+    return crtp

@@ -1,11 +1,11 @@
-"""CRTP, what a Crazyflie speaks on every link: packets of a header byte and at most 30 bytes. Pure.
+"""Encode and decode CRTP, the protocol of a Crazyflie on every link: packets of a header byte and at most 30
+bytes. Pure: no I/O.
 
-SI units everywhere; the firmware wants yaw rates and reports angles in degrees, and ``_deg`` and
-``_rad`` are the one place where that is converted. Layouts: the CRTP pages of the firmware's
-documentation, tried with cflib 0.1.34.
+All values are in SI units. The firmware uses degrees for yaw rates and angles; only ``_deg`` and ``_rad``
+convert them. Layouts: the CRTP pages of the firmware's documentation, tried with cflib 0.1.34.
 
-A hover that makes the robot safe is written with a negative zero for ``vx``: to the firmware it is
-the same hover, and the log of a wire tells it from a setpoint of zero.
+The hover of a safe state has a negative zero for ``vx``. For the firmware that is the same hover, but the log of
+a wire can tell it from a setpoint of zero.
 """
 
 from __future__ import annotations
@@ -21,14 +21,14 @@ import msgspec
 from strands_actors.drivers.common.malformed import MalformedFrame
 
 LONGEST = 31
-"""Bytes of a packet, header included."""
+"""Largest packet in bytes, header included."""
 NULL = b"\xff"
-"""A packet that says nothing: it asks who is there, and lets a radio's robot answer."""
+"""A packet without content. It finds out which robot is there, and lets a robot on a radio answer."""
 OLDEST = 12
-"""Protocol version. From it on there is a supervisor port, by which a landing is confirmed."""
+"""Oldest supported protocol version. It is the first with a supervisor port, which confirms a landing."""
 NAME = b"Bitcraze Crazyflie"
 EXISTS = 17
-"""Status of a block of the log that there is already: it was asked for twice."""
+"""Status for a block of the log that exists already, because the request was repeated."""
 
 
 class Port(enum.IntEnum):
@@ -68,7 +68,7 @@ class Order(enum.IntEnum):
 
 
 class Bit(enum.IntFlag):
-    """What the supervisor says."""
+    """Flags of the supervisor."""
 
     CAN_BE_ARMED = 1 << 0
     ARMED = 1 << 1
@@ -84,8 +84,8 @@ class Bit(enum.IntFlag):
 
     @property
     def airborne(self) -> bool:
-        """Whether motors keep it up: the flying bit outlasts a landing, and who is disarmed or
-        locked has none."""
+        """Return True if motors keep the drone up. The flying flag outlasts a landing, so the drone must be armed
+        and not locked, too."""
         return Bit.FLYING in self and Bit.ARMED in self and Bit.LOCKED not in self
 
 
@@ -100,8 +100,7 @@ class Battery(enum.IntEnum):
 
 
 class Block(NamedTuple):
-    """A row of the log that the robot is asked to send: name and type of each variable, at most
-    nine."""
+    """A row of the log: its number, and the name and type of each variable (at most nine)."""
 
     number: int
     variables: tuple[tuple[str, int], ...]
@@ -124,7 +123,7 @@ FLIGHT = Block(
     ),
     struct.Struct("<7eH"),
 )
-"""What must be known to fly."""
+"""The values that flying needs."""
 
 POSITION = Block(
     2,
@@ -137,11 +136,11 @@ POSITION = Block(
     ),
     struct.Struct("<4fB"),
 )
-"""What may be older. The battery's voltage and state are of the same moment: a refusal for the state
-names the voltage."""
+"""Values that may be older. Voltage and state of the battery are in one row, so that a refusal for the state can
+name the voltage of the same moment."""
 
 STAMP_WRAP_MS = 1 << 24
-"""Where the robot's clock, as a row of the log has it, begins again at 0: after 4.7 hours."""
+"""Value at which the robot's clock in a row of the log restarts at 0, after 4.7 hours."""
 
 _ALL_BITS = (1 << 11) - 1
 
@@ -157,28 +156,27 @@ def encode(port: int, channel: int, data: bytes = b"") -> bytes:
 
 
 def decode(packet: bytes) -> Packet:
-    """Return a packet's parts. Raise ``MalformedFrame``."""
+    """Split a packet. Raise ``MalformedFrame``."""
     if not 1 <= len(packet) <= LONGEST:
         raise MalformedFrame(f"a packet of {len(packet)} bytes, not 1 to {LONGEST}")
     return Packet(packet[0] >> 4, packet[0] & 3, packet[1:])
 
 
 def is_null(packet: bytes) -> bool:
-    """Return whether a packet is only there to be answered, or is such an answer: port 15, channel
-    3."""
+    """Return True for a packet without content, or its answer: port 15, channel 3."""
     return packet[:1] == NULL
 
 
-# -- what the host commands
+# -- commands
 
 
 def hover(vx_m_s: float, vy_m_s: float, wz_rad_s: float, z_m: float) -> bytes:
-    """Return a setpoint at a height, with velocities of the robot's own frame."""
+    """Return a setpoint at a height, with velocities in the robot's own frame."""
     return _setpoint(Setpoint.HOVER, vx_m_s + 0.0, vy_m_s, _deg(wz_rad_s), z_m)
 
 
 def hover_still(z_m: float) -> bytes:
-    """Return the safe hover: level, where it is."""
+    """Return the safe hover: level, at the present place."""
     return _setpoint(Setpoint.HOVER, -0.0, 0.0, 0.0, z_m)
 
 
@@ -192,35 +190,34 @@ def _setpoint(kind: Setpoint, *values: float) -> bytes:
 
 
 STOP = encode(Port.SETPOINT, 0, bytes((Setpoint.STOP,)))
-"""Motors off."""
+"""Switch motors off."""
 YIELD = encode(Port.SETPOINT, 1, struct.pack("<BI", 0, 0))
-"""From now on the high-level commander is obeyed, not the last setpoint."""
+"""Obey the high-level commander from now on, and not the last setpoint."""
 ARM = encode(Port.SUPERVISOR, 1, bytes((Order.ARM, 1)))
 DISARM = encode(Port.SUPERVISOR, 1, bytes((Order.ARM, 0)))
 EMERGENCY_STOP = encode(Port.SUPERVISOR, 1, bytes((Order.EMERGENCY_STOP,)))
-"""Motors off, and locked until the robot is switched off and on."""
+"""Switch motors off, and lock the drone until it is switched off and on."""
 
 
 def land(duration_s: float) -> bytes:
-    """Return an order to the high-level commander: down to the floor, straight, in so long."""
+    """Return an order to the high-level commander to go straight down to the floor in so many seconds."""
     return encode(Port.HIGH_LEVEL, 0, struct.pack("<BBff?f", HighLevel.LAND, 0, 0.0, 0.0, True, duration_s))
 
 
 def land_with_velocity(mean_m_s: float) -> bytes:
-    """Return the same order by a speed: the robot itself knows from what height, and takes as long as
-    that needs."""
+    """Return the same order with a mean speed. The robot knows its height, and takes the time that this
+    needs."""
     data = struct.pack("<BBf?f?f", HighLevel.LAND_WITH_VELOCITY, 0, 0.0, False, 0.0, True, mean_m_s)
     return encode(Port.HIGH_LEVEL, 0, data)
 
 
-# -- questions: what is sent, and how an answer to it begins
+# -- requests with an answer
 
 
 class Question(NamedTuple):
     packet: bytes
     answer: bytes
-    """What an answer begins with, header included. An answer's bits 2 and 3 of the header may be
-    anything."""
+    """The beginning of an answer, header included. Bits 2 and 3 of an answer's header may have any value."""
 
     def answered_by(self, packet: bytes) -> bool:
         mine, theirs = self.answer, packet[: len(self.answer)]
@@ -242,8 +239,8 @@ LOG_RESET_QUESTION = _ask(Port.LOG, 1, b"\x05", b"\x05")
 
 
 def landing_question(order: bytes) -> Question:
-    """Ask for what ``land`` or ``land_with_velocity`` returned: the answer has its first three bytes of
-    data, and a status."""
+    """Return the request for the status of ``land`` or ``land_with_velocity``. Its answer has the first three
+    bytes of data of the order, and a status."""
     return Question(order, order[:4])
 
 
@@ -253,7 +250,7 @@ def log_item_question(number: int) -> Question:
 
 
 def log_create_question(block: Block, numbers: Sequence[int]) -> Question:
-    """Ask for a block of the log: its variables by number, each with the type it is to be sent
+    """Return the request to create a block of the log. It gives each variable's number and the type to send it
     as."""
     kinds = (kind for _, kind in block.variables)
     rows = b"".join(struct.pack("<BH", kind, number) for kind, number in zip(kinds, numbers, strict=True))
@@ -262,7 +259,7 @@ def log_create_question(block: Block, numbers: Sequence[int]) -> Question:
 
 
 def log_start_question(block: Block, period_s: float) -> Question:
-    """``period_s``: in hundredths of a second on the wire, 0.01 to 2.55."""
+    """Return the request to start a block. The period goes in hundredths of a second, 0.01 to 2.55 s."""
     hundredths = min(255, max(1, round(period_s * 100)))
     head = bytes((3, block.number))
     return _ask(Port.LOG, 1, head + bytes((hundredths,)), head)
@@ -272,28 +269,28 @@ def log_start_question(block: Block, period_s: float) -> Question:
 
 
 def version_of(packet: bytes) -> int:
-    """Raise ``MalformedFrame``."""
+    """Return the protocol version. Raise ``MalformedFrame``."""
     return _unpack("<BB", packet)[1]
 
 
 def firmware_of(packet: bytes) -> str:
-    """Return the firmware's own name, printable."""
+    """Return the firmware's name, printable characters only."""
     text = packet[2:].split(b"\0")[0].decode("ascii", "replace")
     return "".join(letter for letter in text if letter.isprintable())
 
 
 def supervisor_of(packet: bytes) -> Bit:
-    """Raise ``MalformedFrame``."""
+    """Return the supervisor's flags. Raise ``MalformedFrame``."""
     return Bit(_unpack("<BH", packet)[1] & _ALL_BITS)
 
 
 def is_armed(packet: bytes) -> bool:
-    """Return whether an order to arm left the robot armed. Raise ``MalformedFrame``."""
+    """Return True if an order to arm left the robot armed. Raise ``MalformedFrame``."""
     return bool(_unpack("<BBB", packet)[2])
 
 
 def log_count_of(packet: bytes) -> int:
-    """Raise ``MalformedFrame``."""
+    """Return the number of log variables. Raise ``MalformedFrame``."""
     return int(_unpack("<BHI", packet)[1])
 
 
@@ -307,14 +304,14 @@ def log_name_of(packet: bytes) -> str:
 
 
 def status_of(packet: bytes) -> int:
-    """Return the status of an answer that ends with one: 0 is success. Raise ``MalformedFrame``."""
+    """Return the status at the end of an answer; 0 is success. Raise ``MalformedFrame``."""
     if len(packet) < 4:
         raise MalformedFrame("an answer without a status")
     return packet[-1]
 
 
 def landing_status_of(packet: bytes) -> int:
-    """Return the status of an answer to an order to land: 0, it lands now. Raise
+    """Return the status of an answer to an order to land; 0 if the drone lands now. Raise
     ``MalformedFrame``."""
     if len(packet) < 5:
         raise MalformedFrame("an answer to an order to land without a status")
@@ -325,7 +322,7 @@ def landing_status_of(packet: bytes) -> int:
 
 
 class Flight(msgspec.Struct, frozen=True):
-    """A row of ``FLIGHT``, SI."""
+    """A row of ``FLIGHT`` in SI units."""
 
     z_m: float
     velocity_m_s: tuple[float, float, float]
@@ -336,7 +333,7 @@ class Flight(msgspec.Struct, frozen=True):
 
 
 class Position(msgspec.Struct, frozen=True):
-    """A row of ``POSITION``, SI."""
+    """A row of ``POSITION`` in SI units."""
 
     x_m: float
     y_m: float
@@ -346,8 +343,14 @@ class Position(msgspec.Struct, frozen=True):
 
 
 def row_of(packet: bytes) -> tuple[int, Flight | Position] | None:
-    """Return a row of our blocks, with the robot's clock (ms, 24 bits); None for what is no row of
-    ours. Raise ``MalformedFrame`` for another length, and for numbers that are none."""
+    """Decode a row of our blocks.
+
+    Returns:
+        The robot's clock (ms, 24 bits) and the reading. None for any other packet.
+
+    Raises:
+        MalformedFrame: The row has another length, or a value that is not finite.
+    """
     port, channel, data = decode(packet)
     block = next((block for block in (FLIGHT, POSITION) if data[:1] == bytes((block.number,))), None)
     if (port, channel) != (Port.LOG, 2) or block is None:
@@ -362,7 +365,7 @@ def row_of(packet: bytes) -> tuple[int, Flight | Position] | None:
         x, y, yaw, volts, battery = values
         return stamp_ms, Position(x, y, _rad(yaw), volts, battery)
     z, vx, vy, vz, turn, roll, pitch, bits = values
-    # the firmware's pitch is positive with the nose up
+    # The firmware's pitch is positive with the nose up.
     return stamp_ms, Flight(z, (vx, vy, vz), _rad(turn), _rad(roll), _rad(-pitch), Bit(bits & _ALL_BITS))
 
 
@@ -375,7 +378,7 @@ def _rad(deg: float) -> float:
 
 
 def _unpack(layout: str, packet: bytes) -> tuple[int, ...]:
-    """Return the head of a packet's data. Raise ``MalformedFrame``."""
+    """Return the first values of a packet's data. Raise ``MalformedFrame``."""
     size = struct.calcsize(layout)
     if len(packet) < size + 1:
         raise MalformedFrame(f"an answer of {len(packet)} bytes, not {size + 1}")

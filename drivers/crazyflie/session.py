@@ -1,5 +1,4 @@
-"""Questions and readings over one link that may lose what it carries: what is not answered is asked
-again, until a deadline."""
+"""Requests and readings over a link that may lose packets. An unanswered request is repeated until a deadline."""
 
 from __future__ import annotations
 
@@ -18,16 +17,16 @@ from . import protocol as p
 from .links import Link
 
 AGAIN_S = 0.25
-"""After which a question that was not answered is asked again."""
+"""Pause before an unanswered request is repeated."""
 SHORTEST_S = 0.001
-"""Of a wait: what is left of ``AGAIN_S`` may be less than a clock can show."""
+"""Shortest wait, because the rest of ``AGAIN_S`` may be less than the clock's resolution."""
 WINDOW = 8
-"""Questions that are asked at once."""
+"""Number of requests in flight at once."""
 
 
 class CrazyflieSession:
-    """``flight`` and ``position`` are the newest readings. A row that came before, or is older than the
-    newest by the robot's own clock, is none."""
+    """A session with the drone. ``flight`` and ``position`` are the newest readings. A repeated row is dropped,
+    and so is one that is older by the robot's own clock."""
 
     def __init__(self, link: Link, clock: Clock) -> None:
         self.link = link
@@ -37,34 +36,34 @@ class CrazyflieSession:
         self.position: p.Position | None = None
         self._flights, self._positions = Stamps(p.STAMP_WRAP_MS), Stamps(p.STAMP_WRAP_MS)
         self.malformed = 0
-        self._waiting: list[dict[p.Question, bytes | None]] = []  # one for each who asks
+        self._waiting: list[dict[p.Question, bytes | None]] = []  # one for each waiting caller
         self._served = False
         self._news = trio.Event()
 
-    # -- hearing
+    # -- receiving
 
     @property
     def flight_ns(self) -> int:
-        """Return when ``flight`` came; 0: none has."""
+        """Return the arrival of ``flight``; 0 if there is no reading."""
         return self._flights.new_ns
 
     @property
     def position_ns(self) -> int:
-        """Return when ``position`` came; 0: none has."""
+        """Return the arrival of ``position``; 0 if there is no reading."""
         return self._positions.new_ns
 
     @property
     def robot_s(self) -> float:
-        """Return when ``flight`` was measured, by the robot's own clock, counted from the first one."""
+        """Return the time of measuring ``flight`` by the robot's own clock, counted from the first row."""
         return self._flights.passed / 1e3
 
     @property
     def goes_on(self) -> bool:
-        """Return whether both were seen to change: a first one may be the last of a log that is stuck."""
+        """Return True if both readings have changed. A first row may be the last one of a stuck log."""
         return self._flights.goes_on and self._positions.goes_on
 
     async def serve(self) -> None:
-        """Hear whatever comes, until cancelled. Raise ``WireDown``."""
+        """Receive packets until cancelled. Raise ``WireDown``."""
         self._served = True
         try:
             async with trio.open_nursery() as nursery:
@@ -75,7 +74,7 @@ class CrazyflieSession:
             self._served = False
 
     def take_waiting(self) -> None:
-        """Take in what has arrived, as much as one turn may take. Never waits."""
+        """Process the packets that have arrived, up to the limit of one turn. Never waits."""
         for packet in self._budget.turn(self.link.read_waiting):
             self._take(packet)
 
@@ -88,11 +87,11 @@ class CrazyflieSession:
                 self._take(await self.link.read())
 
     def age_s(self) -> float:
-        """Return how old ``flight`` is."""
+        """Return the age of ``flight`` in seconds; infinite if there is no reading."""
         return (self._clock.now_ns() - self.flight_ns) / NS if self.flight_ns else math.inf
 
     def repeats(self) -> bool:
-        """Return whether rows come, and tell nothing new of its flight."""
+        """Return True if rows arrive, but repeat the same flight."""
         return self._flights.repeats(self._clock.now_ns())
 
     def _take(self, packet: bytes) -> None:
@@ -119,22 +118,22 @@ class CrazyflieSession:
         elif self._positions.take(stamp_ms, now_ns):
             self.position = reading
 
-    # -- asking
+    # -- sending
 
     async def say(self, *packets: bytes) -> None:
-        """Send packets that nobody answers. Raise ``WireDown``."""
+        """Send packets that have no answer. Raise ``WireDown``."""
         for packet in packets:
             await self.link.write(packet)
 
     async def ask(self, question: p.Question, within_s: float, permit: Permit | None = None) -> bytes | None:
-        """Return the answer, None when there is none in time."""
+        """Send a request. Return its answer; None if it did not come in time. Raise ``WireDown``."""
         return (await self.ask_all((question,), within_s, permit))[0]
 
     async def ask_all(
         self, questions: Sequence[p.Question], within_s: float, permit: Permit | None = None
     ) -> list[bytes | None]:
-        """Return the answers, None for each that did not come in time. Who asks what another is
-        asking already has the same answer. Raise ``WireDown``."""
+        """Send requests. Return their answers, with None for each that did not come in time. Callers with the same
+        pending request share its answer. Raise ``WireDown``."""
         answers: dict[p.Question, bytes | None] = dict.fromkeys(questions)
         self._waiting.append(answers)
         asked_s: dict[p.Question, float] = {}
@@ -150,11 +149,11 @@ class CrazyflieSession:
                     await self.news(max(SHORTEST_S, due_s))
             return [answers[question] for question in questions]
         finally:
-            # By identity: two who ask the same are equal until one of them has its answer.
+            # Compare by identity: two callers with the same request have equal entries until one is answered.
             self._waiting = [other for other in self._waiting if other is not answers]
 
     async def supervisor(self, within_s: float) -> p.Bit | None:
-        """Return what the supervisor says now, None when it does not. Raise ``WireDown``."""
+        """Return the supervisor's present flags; None if it does not answer. Raise ``WireDown``."""
         answer = await self.ask(p.SUPERVISOR_QUESTION, within_s)
         try:
             return None if answer is None else p.supervisor_of(answer)
@@ -163,20 +162,20 @@ class CrazyflieSession:
 
 
 HANDSHAKE_S = 3.0
-"""Within which a first answer must come."""
+"""Longest time for each answer of the handshake."""
 TABLE_S = 10.0
-"""Within which the table of log variables must be read, some hundred rows of it."""
+"""Longest time to read the table of log variables, some hundred rows."""
 
 
 async def handshake(session: CrazyflieSession, period_s: float) -> dict[str, object]:
-    """Ask who it is, and for rows of the log: flight every ``period_s``, position ten times a second.
-    Moves nothing. Return facts for status. Raise ``WireDown``."""
+    """Identify the drone, and start rows of the log: flight every ``period_s``, position ten times a second. Moves
+    nothing. Return facts for ``status``. Raise ``WireDown``."""
     name = session.link.name
     try:
-        told = await session.ask(p.VERSION_QUESTION, HANDSHAKE_S)
-        if told is None:
+        answer = await session.ask(p.VERSION_QUESTION, HANDSHAKE_S)
+        if answer is None:
             raise WireDown(f"{name}: no answer within {HANDSHAKE_S:g} s. Check port=, radio and power")
-        version = p.version_of(told)
+        version = p.version_of(answer)
         if version < p.OLDEST:
             raise WireDown(
                 f"{name}: its firmware speaks CRTP protocol {version}; from {p.OLDEST} on a landing can be "
@@ -199,11 +198,11 @@ async def handshake(session: CrazyflieSession, period_s: float) -> dict[str, obj
 
 
 async def _start_log(session: CrazyflieSession, name: str, period_s: float) -> int:
-    """Return how many variables there are. Raise ``WireDown`` and ``MalformedFrame``."""
+    """Start both blocks. Return the number of log variables. Raise ``WireDown`` and ``MalformedFrame``."""
     await _must(session, name, p.LOG_RESET_QUESTION)
     count = p.log_count_of(await _must(session, name, p.LOG_INFO_QUESTION))
-    items = await session.ask_all([p.log_item_question(at) for at in range(count)], TABLE_S)
-    number_of = {p.log_name_of(item): at for at, item in enumerate(items) if item is not None}
+    items = await session.ask_all([p.log_item_question(number) for number in range(count)], TABLE_S)
+    number_of = {p.log_name_of(item): number for number, item in enumerate(items) if item is not None}
     for block, every_s in ((p.FLIGHT, period_s), (p.POSITION, POSITION_S)):
         missing = [variable for variable, _ in block.variables if variable not in number_of]
         if missing:

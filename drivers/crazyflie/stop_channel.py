@@ -1,9 +1,9 @@
-"""The root's way to a Crazyflie: a peer of its own, that speaks only when it has to.
+"""The root's stop channel to a Crazyflie. It sends nothing before a stop.
 
-On UDP the drone answers whoever spoke last, so the socket is open and silent until then. A serial
-line is a duplicate of the wire's descriptor; where that is dead, the port opened anew. A radio's
-dongle is the wire process's; when that is gone, a process of its own opens it, so that no USB
-library is loaded in the root. Two of them stand ready (``OwnProcess``).
+On UDP the drone answers the last sender, so the socket is open and silent until a stop. For a serial line the root
+has a duplicate of the wire's descriptor; if that is dead, it opens the port anew. A radio's dongle belongs to the
+wire process. After its end a separate process opens the dongle, so that the root loads no USB library. Two such
+processes stand ready (``OwnProcess``).
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from .stopping import STOP_S, bring_down
 
 
 class CrazyflieStopChannel(StopChannel):
-    """Of three kinds: which one, the port says."""
+    """The stop channel. Its kind depends on the port."""
 
     def __init__(self, config: CrazyflieConfig, descriptors: Sequence[int], clock: Clock) -> None:
         endpoint = config.endpoint()
@@ -53,12 +53,12 @@ class CrazyflieStopChannel(StopChannel):
 
 
 def _within(safe_state: SafeState) -> SafeState:
-    """Nobody is left to hover: it lands."""
+    """Return ``land`` in place of ``hold``, since no process is left to send a hover."""
     return SafeState.LAND if safe_state == SafeState.HOLD else safe_state
 
 
 class _OwnLink(StopChannel):
-    """UDP or TCP: nothing is handed over."""
+    """A channel over UDP or TCP, with its own socket."""
 
     def __init__(self, config: CrazyflieConfig, descriptors: Sequence[int], clock: Clock) -> None:
         self._config = config

@@ -1,8 +1,7 @@
-"""How a Crazyflie is brought down: the safe states that end a flight, for the wire and for the
-root's stop channel.
+"""Bring a Crazyflie to a safe state that ends its flight. The wire and the root's stop channel use this.
 
-``land``  the high-level commander takes it down, 0.4 m/s in the mean; motors off on the floor
-``limp``  motors off at once, wherever it is
+``land``  the high-level commander lands it, at 0.4 m/s in the mean; motors off on the floor
+``limp``  motors off at once, in any place
 ``off``   motors off at once, and locked until it is switched off and on
 """
 
@@ -21,33 +20,40 @@ from .protocol import Bit
 from .session import CrazyflieSession
 
 ANSWER_S = 1.0
-"""Within which a question must be answered; it is asked again several times meanwhile."""
+"""Longest time for an answer. The request is repeated several times meanwhile."""
 YIELD_S = 0.3
-"""So long the answer to an order to land is waited for before it is told to yield."""
+"""How long the answer to an order to land is waited for before ``YIELD`` is sent."""
 LANDING_LOOK_S = 0.5
-"""Within which the supervisor must answer during a landing, before it is told to yield once more."""
+"""Longest time for an answer of the supervisor during a landing, before ``YIELD`` is sent again."""
 LOOK_S = 0.1
-"""Between two looks at the supervisor."""
+"""Period of reading the supervisor."""
 STOP_S = 9.0
-"""Longest that bringing it down may take: landing from 2 m (5 s), the two seconds for which it may
-count as flying afterwards, and packets that are lost. Less than ``Timing.safe_s``, and than what is
-left of it when a link is reached."""
+"""Longest duration of a stop: a landing from 2 m (5 s), two seconds for which the drone may count as flying
+afterwards, and lost packets. This is less than ``Timing.safe_s``, and less than the rest of it when a new link has
+to be opened first."""
 NOTICED_S = 0.1
-"""The supervisor looks 25 times a second: what it says sooner may be from before an order."""
+"""The supervisor runs 25 times a second. A report within this time may be from before an order."""
 FLOOR_M = 0.1
-"""At this height or below a landing that is over has ended on the floor: an estimate is not better, and
-from here a drone may fall."""
+"""A landing that has ended at this height or below has ended on the floor. The estimate is not more precise, and a
+drone may fall from here."""
 FRESH_S = 0.5
-"""A height that is older counts as none."""
+"""Age up to which a height counts."""
 
 
 async def bring_down(
     session: CrazyflieSession, safe_state: SafeState, within_s: float = STOP_S, land_s: float | None = None
 ) -> Outcome:
-    """Bring it to a safe state that ends its flight, and look that it is. ``land_s``: how long a
-    landing takes; None: as long as the height needs, which the drone knows. Never raises; the first
-    frame leaves before the first wait. A link that is lost, and may not carry anything again, is not
-    tried any longer: whoever asks opens another."""
+    """Bring the drone to a safe state that ends its flight, and read back that it is in it.
+
+    Never raises. The first frame leaves before the first wait. If the link is lost and has a connection that may be
+    dead, the attempt ends, and the caller opens another link.
+
+    Args:
+        session: A session with the drone.
+        safe_state: ``land``, ``limp`` or ``off``.
+        within_s: Longest duration, seconds.
+        land_s: Duration of a landing; None for the time that the height needs, which the drone knows.
+    """
     descent = _Descent(session, safe_state, land_s)
     detail = "silent"
     with trio.move_on_after(within_s):
@@ -65,36 +71,39 @@ async def bring_down(
 
 
 def first_frames(safe_state: SafeState) -> tuple[bytes, ...]:
-    """Return what begins to bring it there, for a link that may carry nothing any more."""
+    """Return the frames that begin a safe state, for a link that may be dead."""
     match safe_state:
         case SafeState.OFF:
             return p.STOP, p.EMERGENCY_STOP
         case SafeState.LAND:
-            # In this order: who yields to a high-level commander without a plan has its motors cut.
+            # The order matters: ``YIELD`` to a high-level commander without a plan cuts the motors.
             return p.land_with_velocity(LANDING_M_S), p.YIELD
     return (p.STOP,)
 
 
 class _Descent:
-    """One order to come down, however often it has to be said."""
+    """One descent, with all repetitions of its order."""
 
     def __init__(self, session: CrazyflieSession, safe_state: SafeState, land_s: float | None) -> None:
         self._session = session
         self._safe_state = safe_state
         self._order = p.land_with_velocity(LANDING_M_S) if land_s is None else p.land(land_s)
-        self._taken_s: float | None = None  # when the robot said that it lands
+        self._taken_s: float | None = None  # when the robot accepted the order to land
         self._refused = False
         self.written = False
         self.acknowledged = False
 
     async def step(self) -> str:
-        """Say it, and look. Return why it is not safe yet; empty: it is. Raise ``WireDown``."""
+        """Send the order and read the state. Return why the drone is not safe yet; empty if it is. Raise
+        ``WireDown``."""
         return await self._say_and_look() or self._contradicted()
 
     def _contradicted(self) -> str:
-        """Return what its log says against an answer that it is safe; empty: nothing, or there is no
-        log. An answer has no number, so it may be one to an older question. A row of the log has the
-        time of the robot."""
+        """Return how the log contradicts an answer that the drone is safe; empty if it does not, or if there
+        is no log.
+
+        Answers have no number, so one may belong to an older request. A row of the log has the robot's time.
+        """
         session = self._session
         if session.repeats():
             return "its log stands still"
@@ -123,9 +132,11 @@ class _Descent:
         return await self._disarm()
 
     async def _land(self) -> str:
-        """The trajectory's end counts only after the robot has taken this order: before, it may be
-        another's. Motors are cut on the floor only: the robot itself switches them off where the
-        trajectory ends."""
+        """Land, then cut the motors on the floor.
+
+        The end of the trajectory counts only after the robot has accepted this order, since an earlier end may be
+        that of another order. The robot itself switches the motors off where the trajectory ends.
+        """
         if self._taken_s is None:
             await self._tell_to_land()
         bits = await self._look(LANDING_LOOK_S)
@@ -137,28 +148,31 @@ class _Descent:
             return await self._cut()
         flies = Bit.HIGH_LEVEL_ACTIVE in bits
         if self._refused and flies and self._taken_s is None:
-            self._take()  # who is landing already refuses to begin anew
+            self._take()  # A landing drone refuses a new order to land.
         if self._taken_s is None:
             return self._unlanded()
         if flies:
-            await self._say(p.YIELD)  # the one before may be lost: then the last setpoint still has it
+            await self._say(p.YIELD)  # If the last YIELD was lost, the last setpoint is still in force.
         if trio.current_time() - self._taken_s < NOTICED_S:
             return self._unlanded() if self._refused else "still in the air"
         over = Bit.TRAJECTORY_FINISHED in bits and Bit.HIGH_LEVEL_DISABLED not in bits
         if over and self._is_down():
             return await self._cut()
         if flies == over:
-            # No landing is flown, and none has ended: a setpoint that came late was obeyed instead, or
-            # it hovers by an order of before.
+            # No landing is flown, and none has ended. A late setpoint was obeyed instead, or the drone hovers by an
+            # earlier order.
             self._taken_s = None
             return self._unlanded()
         return "still in the air"
 
     async def _tell_to_land(self) -> None:
-        """Tell it to land, and to yield once it has answered: a high-level commander that has no plan
-        cuts the motors when it is yielded to. Nor much later: its plan goes on while the last setpoint
-        is obeyed. Who does not answer may have heard us: it is told to yield, too, and the order right
-        after that, which mends what the first one may have broken."""
+        """Send the order to land, then ``YIELD`` once it is answered.
+
+        ``YIELD`` to a high-level commander without a plan cuts the motors, so it must not come earlier. It must
+        not come much later, either, because the plan advances while the last setpoint is obeyed. A drone that
+        does not answer may have received the order. It gets ``YIELD``, too, and right after that the order again,
+        which repairs a ``YIELD`` without a plan.
+        """
         question = p.landing_question(self._order)
         answer = await self._session.ask(question, YIELD_S)
         self.written = True
@@ -172,7 +186,7 @@ class _Descent:
         self._refused = bool(status)
         if status == 0:
             self._take()
-            await self._say(p.YIELD, p.YIELD)  # nobody answers it
+            await self._say(p.YIELD, p.YIELD)  # twice, since it has no answer
 
     def _unlanded(self) -> str:
         return "it refuses to land" if self._refused else "it does not land"
@@ -186,7 +200,7 @@ class _Descent:
         return flight is not None and self._session.age_s() <= FRESH_S and flight.z_m <= FLOOR_M
 
     async def _disarm(self) -> str:
-        """A robot that is not armed has no motors. One that arms by itself counts as flying for a
+        """Disarm the drone, which switches its motors off. A drone that arms by itself counts as flying for a
         while."""
         answer = await self._session.ask(p.DISARM_QUESTION, ANSWER_S)
         try:

@@ -1,11 +1,9 @@
-"""Links over USB, by pyusb: a Crazyradio dongle, and a Crazyflie's own USB port. Nobody has seen
-them on hardware.
+"""Links over USB, by pyusb: a Crazyradio dongle, and a Crazyflie's own USB port. They were never used on hardware.
 
-Loaded only in a process that may be killed: a call of libusb cannot be abandoned. Each packet is
-one transaction, in a thread and with a deadline; who wants to send waits for the one that is under
-way, and then checks its permit. A radio's robot speaks only when it is spoken to, so ``read`` asks
-it a hundred times a second, by packets that say nothing: they are no setpoint, and the firmware's
-watchdog does not count them.
+This module is loaded only in a process that may be killed, since a call of libusb cannot be cancelled. Each packet
+is one transaction, in a thread and with a deadline. A sender waits for the present transaction, and then checks
+its permit. A robot on a radio only answers, so ``read`` polls it a hundred times a second with packets without
+content. These are not setpoints, and the firmware's watchdog ignores them.
 """
 
 from __future__ import annotations
@@ -25,32 +23,32 @@ from .protocol import NULL
 INSTALL = "Install it: pip install 'strands-actors[crazyflie]'"
 
 RADIO_ID, DRONE_ID = (0x1915, 0x7777), (0x0483, 0x5740)
-"""Vendor and product: Crazyradio, Crazyradio PA and 2.0; a Crazyflie."""
+"""USB ids of vendor and product: Crazyradio, Crazyradio PA and 2.0; a Crazyflie."""
 SET_CHANNEL, SET_ADDRESS, SET_RATE, SET_POWER, SET_RETRY_DELAY, SET_RETRIES, ACK_ENABLE = 1, 2, 3, 4, 5, 6, 0x10
-"""Vendor requests of the dongle. Here and below: the Crazyradio's USB protocol, as Bitcraze
-documents it."""
+"""Vendor requests of the dongle. These and the following values are from Bitcraze's documentation of the
+Crazyradio's USB protocol."""
 FULL_POWER = 3
 RETRY_BYTES = 0x80 | 32
-"""Wait for an answer of 32 bytes before sending anew."""
+"""Wait for an answer of 32 bytes before a repetition."""
 RETRIES = 3
 CRTP_BY_USB = 1
-"""Vendor request of a drone, value 1: CRTP goes by USB from now on."""
+"""Vendor request of a drone. Value 1 means CRTP over USB from now on."""
 VENDOR_OUT = 0x40
 OUT, IN = 0x01, 0x81
 SIZE = 64
 
 TRANSFER_MS = 20
 CALL_S = 0.15
-"""Of one transaction, its two transfers and a busy machine."""
+"""Longest time for one transaction: two transfers, on a busy machine."""
 OPEN_S = 3.0
 POLL_S = 0.01
 
 
 class UsbLink(Link):
-    """Either kind. ``is_radio``: whatever is sent is answered, by an acknowledgement with or
-    without data."""
+    """A link of either kind. A radio (``is_radio``) answers each packet with an acknowledgement, with or without
+    data."""
 
-    prompt: ClassVar[bool] = False  # type: ignore[misc]  # of an object elsewhere
+    prompt: ClassVar[bool] = False  # type: ignore[misc]  # an instance attribute elsewhere
 
     def __init__(self, device: Any, calls: SdkCalls, errors: type[Exception], is_radio: bool, name: str) -> None:
         self._device = device
@@ -61,7 +59,7 @@ class UsbLink(Link):
         self._waiting: deque[bytes] = deque()
         self._news = trio.Event()
         self.name = name
-        self.lost = 0  # packets that the radio did not get through
+        self.lost = 0  # packets that the radio did not deliver
 
     async def write(self, packet: bytes, permit: Permit | None = None) -> None:
         async with self._turn:
@@ -73,7 +71,7 @@ class UsbLink(Link):
         self._take(received)
 
     def _transfer(self, packet: bytes) -> bytes | str:
-        """Send, and return what the device has to say; a text: it is gone. In a thread."""
+        """Send a packet, and return the device's data; a text if the device is gone. Runs in a thread."""
         try:
             if packet:
                 self._device.write(OUT, packet, TRANSFER_MS)
@@ -117,18 +115,18 @@ _TIMEOUTS = (110, 60)
 
 
 async def open_usb_link(endpoint: Endpoint) -> Link:
-    """Open a radio or a drone. Sends no packet. Raise ``WireDown``."""
+    """Open a radio or a drone, without sending a packet. Raise ``WireDown``."""
     core = load_sdk("usb.core", INSTALL)
     name = f"radio://{endpoint.number}" if endpoint.kind == "radio" else f"usb://{endpoint.number}"
     calls = SdkCalls("pyusb", (OSError,))
-    found = await calls.open("opening", OPEN_S, _open, core, endpoint)
-    if isinstance(found, str):
-        raise WireDown(f"{name}: {found}")
-    return UsbLink(found, calls, core.USBError, endpoint.kind == "radio", name)
+    device = await calls.open("opening", OPEN_S, _open, core, endpoint)
+    if isinstance(device, str):
+        raise WireDown(f"{name}: {device}")
+    return UsbLink(device, calls, core.USBError, endpoint.kind == "radio", name)
 
 
 def _open(core: Any, endpoint: Endpoint) -> Any:
-    """Return the device, set up, or a text that says why there is none. In a thread."""
+    """Return the configured device, or a text with the reason of a failure. Runs in a thread."""
     vendor, product = RADIO_ID if endpoint.kind == "radio" else DRONE_ID
     what = "Crazyradio" if endpoint.kind == "radio" else "Crazyflie"
     try:

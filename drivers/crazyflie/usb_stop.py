@@ -1,5 +1,5 @@
-"""Bring a Crazyflie down by its radio or USB, in a process of its own: it opens the device once the
-wire process is gone, and with that its hold on it."""
+"""Stop a Crazyflie by its radio or USB, in a separate process. It opens the device after the end of the wire
+process, which releases the device."""
 
 from __future__ import annotations
 
@@ -33,4 +33,4 @@ class UsbStop(StopChannel):
             return Outcome(False, False, str(failure)).reports(AXES)
 
     def close(self) -> None:
-        """Do nothing: the device is open only while it is used."""
+        """Do nothing, since the device is open only during a stop."""

@@ -1,9 +1,8 @@
-"""A Crazyflie in the wire process.
+"""The wire of a Crazyflie, in the wire process.
 
-A setpoint goes out when it was accepted, and again while it lives; a hover while gate and transport
-answer (``feed``). Nothing else is repeated, so that the firmware's watchdog, 0.5 s and 2 s, holds
-for whatever of ours stops working. Taking off is a service: neither opening nor arming starts a
-motor.
+A setpoint leaves when it is accepted, and is repeated while it is in force. A hover is repeated while gate and
+transport reply (``feed``). Nothing else is repeated, so that the firmware's watchdog of 0.5 s and 2 s covers a
+failure of any of our processes. Takeoff is a service: neither opening nor arming starts a motor.
 """
 
 from __future__ import annotations
@@ -36,12 +35,12 @@ from .stopping import STOP_S, bring_down, first_frames
 
 ARM_S = 1.0
 RISE_S = 3.0
-"""How much longer than it was told a takeoff may take."""
+"""How much longer than requested a takeoff may take."""
 NEAR_M = 0.05
-"""So near its height a takeoff is over."""
+"""Distance to its height at which a takeoff is complete."""
 LANDED_S = 4.0
-"""How much longer than its trajectory a landing may take: two seconds for which the drone may count as
-flying, and packets that are lost."""
+"""How much longer than its trajectory a landing may take: two seconds for which the drone may count as flying, and
+lost packets."""
 
 
 class CrazyflieWire(SessionWire[CrazyflieSession]):
@@ -71,7 +70,7 @@ class CrazyflieWire(SessionWire[CrazyflieSession]):
         endpoint = self._config.endpoint()
         if not endpoint.is_usb:
             return await open_link(endpoint)
-        from .usb_links import open_usb_link  # pyusb: only for who has such a link
+        from .usb_links import open_usb_link  # It loads pyusb, which other links do not need.
 
         return await open_usb_link(endpoint)
 
@@ -105,7 +104,7 @@ class CrazyflieWire(SessionWire[CrazyflieSession]):
     # -- commanding
 
     async def arm(self, permit: Permit) -> Observation:
-        """Take commands; start no motor."""
+        """Check that the drone may be commanded. No motor starts."""
         session = self.session
         bits = await session.supervisor(ARM_S)
         permit.check()
@@ -135,7 +134,7 @@ class CrazyflieWire(SessionWire[CrazyflieSession]):
         now_ns = self._clock.now_ns()
         flight = session.flight
         if flight is not None and not flight.bits.airborne and session.robot_s > hover.risen_s:
-            self._hover = None  # it lies on the floor: no motor is started by a hover
+            self._hover = None  # The drone lies on the floor, and a hover must not start its motors.
             return
         await session.link.write(hover.packet(now_ns))
 
@@ -147,21 +146,21 @@ class CrazyflieWire(SessionWire[CrazyflieSession]):
             self._is_armed = False
             return NOT_CONNECTED.reports(AXES)
         if safe_state == SafeState.HOLD:
-            with contextlib.suppress(WireDown):  # a link that is lost is told by what is written next
+            with contextlib.suppress(WireDown):  # The next write reports a lost link.
                 session.take_waiting()
             flight = self._fresh_flight(session)
             if flight is not None and flight.bits.airborne:
                 return await self._hover_at(session, flight.z_m)
-            # Nowhere else: no hover starts its motors.
+            # On the floor no hover is sent, since that would start the motors.
             if flight is None:
                 self.hold_failed = "the drone is not heard"
-        # On the floor commands go on, motors are off.
+        # On the floor the drone stays armed for commands, with motors off.
         self._is_armed = safe_state == SafeState.HOLD and not self.hold_failed
         within = SafeState.LAND if safe_state == SafeState.HOLD else safe_state
         return (await bring_down(session, within)).reports(AXES)
 
     async def _hover_at(self, session: CrazyflieSession, height_m: float) -> tuple[MotorReport, ...]:
-        """Hover where it is, at a height that it may fly at."""
+        """Hover at the present place, at a permitted height."""
         low, high = self._config.z_m
         height_m = max(low, min(high, height_m))
         hover = Hover(self._clock.now_ns(), height_m)
@@ -173,8 +172,8 @@ class CrazyflieWire(SessionWire[CrazyflieSession]):
         return Outcome(True, True, "").reports(AXES, targets=(0.0, 0.0, 0.0, 0.0, height_m))
 
     async def reach(self, safe_state: SafeState) -> tuple[MotorReport, ...]:
-        """As ``make_safe``. Over UDP by the socket that is open; other links are told once, closed,
-        and opened anew, since what was lost may be dead, and keeps another from opening."""
+        """Stop without a working link. UDP keeps its open socket. Other links get the first frames once and are
+        closed, since a lost one may be dead and would keep another from opening. Then a new one is opened."""
         within = SafeState.LAND if safe_state == SafeState.HOLD else safe_state
         session, self._hover, self._is_armed = self.session_or_none, None, False
         if session is not None and session.link.outlives_a_loss:
@@ -222,10 +221,10 @@ class CrazyflieWire(SessionWire[CrazyflieSession]):
                 await session.say(p.STOP, p.DISARM)
                 return Refused(Code.NOT_ARMED, "arming not confirmed; motors stay off", "look at the drone")
             permit.check()
-        # It rises no faster than it may be told to by a command.
+        # The rise is not faster than a command may request.
         duration_s = max(duration_s, abs(height_m - flight.z_m) / self._config.climb_m_s)
-        # The newest row was older than it seems, and the first hover comes later than it is sent, together by
-        # no more than a question and its answer took.
+        # The newest row was older than its arrival suggests, and the first hover arrives later than it is sent.
+        # Together that is at most the time of a request and its answer.
         began_ns = self._clock.now_ns()
         late_s = session.age_s() + (began_ns - asked_ns) / NS
         self._hover = Hover(began_ns, height_m, flight.z_m, duration_s, session.robot_s + late_s + duration_s)
@@ -246,7 +245,7 @@ class CrazyflieWire(SessionWire[CrazyflieSession]):
         permit.check()
         self._hover = None
         flight = self._fresh_flight(session)
-        if flight is None:  # a landing is not refused for that: the drone knows its height
+        if flight is None:  # A landing is not refused for that, since the drone knows its height.
             outcome = await bring_down(session, SafeState.LAND)
             took = {"velocity": LANDING_M_S}
         else:

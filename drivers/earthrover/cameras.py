@@ -1,7 +1,7 @@
-"""Pictures of the rover's cameras, asked of the service past the robot's tree: by a camera's process
-(``cameras={"front": {}}``), or by whoever wants one.
+"""Read pictures of the rover's cameras from the service, outside the robot's tree. A camera process
+(``cameras={"front": {}}``) uses this, and any program may.
 
-They are larger than what actors tell each other, and nothing about them moves the robot.
+Pictures are larger than messages between actors, and no request for one moves the robot.
 """
 
 from __future__ import annotations
@@ -28,16 +28,24 @@ if TYPE_CHECKING:
 __all__ = ["open_camera", "picture", "take_picture"]
 
 PICTURE_S = 2.0
-"""Within which a picture must come, and a new one after the last."""
+"""Longest time for a picture, and for a new one after the last."""
 PICTURE_SIZE = 4 << 20
-"""Bytes of an answer: a JPEG in base64."""
+"""Largest answer in bytes: a JPEG in base64."""
 AGAIN_S = 0.02
-"""Before it is asked again for a picture that has not changed."""
+"""Pause before the next request if the picture has not changed."""
 
 
 async def picture(port: str, view: str = "front") -> Picture:
-    """Return what a camera sees now: ``front`` or ``rear``, of the service at ``port``. Raise
-    ``ValueError`` for another name, ``WireDown`` when there is no picture."""
+    """Return the present picture of a camera.
+
+    Args:
+        port: Address of the service.
+        view: ``front`` or ``rear``.
+
+    Raises:
+        ValueError: There is no such view.
+        WireDown: There is no picture.
+    """
     if view not in PICTURES:
         raise ValueError(f"picture: no camera {view!r}. Use {' or '.join(PICTURES)}")
     client = _client(port)
@@ -48,31 +56,34 @@ async def picture(port: str, view: str = "front") -> Picture:
 
 
 def take_picture(port: str, view: str = "front") -> Picture:
-    """As ``picture``, for a script that runs no trio loop."""
+    """Return a picture as ``picture`` does, for a script without a trio loop."""
     return trio.run(picture, port, view)
 
 
 class RoverCamera:
-    """One camera of the rover, asked again and again on one connection."""
+    """One camera of the rover, polled on one connection."""
 
     paced = False
 
     def __init__(self, client: HttpPort, view: str) -> None:
         self._client = client
         self._view = view
-        self._stamp_s: float | None = None  # None: none was told yet
+        self._stamp_s: float | None = None  # None before the first picture
 
     async def read(self) -> contract.Picture:
-        """A picture that is not the last one. It was taken when it was asked for, or before: the
-        rover's clock is not ours. The first shows nothing: a service that has stopped gives its last
-        one for ever, and who opens it anew would take that for a new one."""
+        """Return a picture that differs from the last one.
+
+        Its time is that of the request, since the rover's clock is not ours; it may have been taken earlier.
+        The first picture is dropped. A service that has stopped repeats its last one for ever, and a new
+        camera would take that for a new one.
+        """
         with trio.move_on_after(PICTURE_S):
             while True:
                 asked_ns = time.monotonic_ns()
-                told = await _ask(self._client, self._view)
-                before_s, self._stamp_s = self._stamp_s, told.stamp_s
-                if math.isnan(told.stamp_s) or (before_s is not None and told.stamp_s != before_s):
-                    return contract.Picture(await trio.to_thread.run_sync(_pixels, told.jpeg), asked_ns)
+                answer = await _ask(self._client, self._view)
+                before_s, self._stamp_s = self._stamp_s, answer.stamp_s
+                if math.isnan(answer.stamp_s) or (before_s is not None and answer.stamp_s != before_s):
+                    return contract.Picture(await trio.to_thread.run_sync(_pixels, answer.jpeg), asked_ns)
                 await trio.sleep(AGAIN_S)
         raise WireDown(f"picture: the {self._view} camera gives the same one again. Look at the SDK process")
 
@@ -81,7 +92,7 @@ class RoverCamera:
 
 
 async def open_camera(settings: contract.CameraSettings) -> RoverCamera:
-    """Raise ``WireDown`` without what decodes pictures."""
+    """Open a camera. Raise ``WireDown`` if the decoder of pictures is not installed."""
     if why := missing("cameras", "a picture of the rover"):
         raise WireDown(why)
     return RoverCamera(_client(settings.port), settings.view)
@@ -92,7 +103,7 @@ def _client(port: str) -> HttpPort:
 
 
 async def _ask(client: HttpPort, view: str) -> Picture:
-    """Raise ``WireDown``."""
+    """Request one picture. Raise ``WireDown``."""
     answer = await client.ask("GET", PICTURES[view], within_s=PICTURE_S)
     if answer.status == NOT_FOUND:
         raise WireDown(f"picture: this rover has no {view} camera")

@@ -1,4 +1,4 @@
-"""What the wire and the stop channel of a rover know of it."""
+"""The configuration that the wire and the stop channel of a rover share."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ from strands_actors.drivers.common.http_port import HttpPort
 from .protocol import PORT
 
 REPORT_OLD_S = 2.0
-"""A report whose stamp is older is no report. Rows in the vendor's example of one span about a
-second: so rarely a rover may report, and the service tells the last report until the next
+"""A report with an older stamp does not count. Rows in the vendor's example of one report span about a
+second. So a rover may report that rarely, and the service repeats the last report until the next one
 [assumed]."""
 
 
@@ -24,13 +24,11 @@ class EarthRoverConfig(msgspec.Struct, frozen=True):
     control_hz: float
 
     def address(self) -> tuple[str, int]:
-        """Return host and port. Raise ``ValueError`` for a ``port`` that is no address of a
-        service."""
+        """Return host and port. Raise ``ValueError`` for an invalid ``port``."""
         return parse_web_address(self.port, PORT, "the SDK process")
 
     def open_port(self) -> HttpPort:
-        """Return a port to the service, not yet connected. Raise ``WireDown`` for an address that
-        is none."""
+        """Return a port to the service, not yet connected. Raise ``WireDown`` for an invalid address."""
         try:
             return HttpPort(*self.address())
         except ValueError as error:

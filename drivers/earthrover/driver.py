@@ -1,9 +1,9 @@
-"""FrodoBots EarthRover Mini, through the HTTP service of the vendor's SDK process.
+"""Declare the FrodoBots EarthRover Mini, through the HTTP service of the vendor's SDK process.
 
-Safe, for whatever reason, is zero: the wheels stand, the lamp stays as it is. The service answers
-when it has passed a command on, not when the rover has it, so zero is repeated until newer reports
-show speed 0 for a second. A command lives 300 ms. After that a new one may go on; after a stop only
-``resume()`` lets it.
+The safe state is zero for every reason: the wheels stand, and the lamp keeps its state. The service
+answers when it has forwarded a command, not when the rover has received it. So zero is repeated until
+newer reports show speed 0 for a second. A command lives 300 ms. After that a new one may continue; after a
+stop only ``resume()`` permits one.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from .protocol import PICTURES, SPEAK_S
 from .robots import TABLES
 
 SPOKEN = 200
-"""Characters of a text to speak, at most [assumed]."""
+"""Longest text to speak, in characters [assumed]."""
 
 _SPEED = {"type": "number", "minimum": -1, "maximum": 1}
 
@@ -52,7 +52,7 @@ class EarthRover(Driver):
     OPTIONS: ClassVar[Mapping[str, str]] = meanings(EarthRoverOptions)
     SENSORS: ClassVar[tuple[Sensor, ...]] = (
         Sensor("battery", {"pct": "battery_pct"}),
-        imu(gyro="gyros", accel="accels"),  # as the rover tells them: its units are not documented
+        imu(gyro="gyros", accel="accels"),  # in the rover's units, which are not documented
         Sensor("pose", {"gps": "latitude_longitude_deg", "heading": "heading_deg"}),
     )
     TOOL_VERBS: ClassVar[tuple[ToolVerb, ...]] = (
@@ -93,7 +93,7 @@ class EarthRover(Driver):
     unit = "fractions of full speed, -1 to 1 (lamp: lit from 0.5 on)"
     timing = Timing(
         control_hz=10.0,
-        keepalive_s=0.1,  # the SDK process stops the rover by itself when it hears nothing for 3 s
+        keepalive_s=0.1,  # the SDK process stops the rover by itself after 3 s without a command
         stream_ttl_s=LIFETIME_S,
         oneshot_ttl_s=LIFETIME_S,
         state_ttl_s=REPORT_OLD_S,

@@ -1,8 +1,7 @@
-"""What is said to and heard of the EarthRover's SDK process, as JSON in the bodies of HTTP
-messages. Pure.
+"""Encode and decode the JSON bodies of the EarthRover's SDK process. Pure: no I/O.
 
-A stop is written in whole numbers (``0``), a setpoint in fractions (``0.0``): to the service they
-are the same, and the log of the wire tells a stop from a setpoint of zero.
+A stop is written in whole numbers (``0``), a setpoint in fractions (``0.0``). For the service they are
+equal, but the log of the wire can tell a stop from a setpoint of zero.
 """
 
 from __future__ import annotations
@@ -22,7 +21,7 @@ CONTROL = "/control"
 DATA = "/data"
 SPEAK = "/speak"
 SPEAK_S = 5.0
-"""Longest time that saying a text may take."""
+"""Longest time to speak a text."""
 PICTURES = {"front": "/v2/front", "rear": "/v2/rear"}
 
 OK = 200
@@ -30,14 +29,14 @@ BAD_REQUEST = 400
 NOT_FOUND = 404
 
 LIT = 0.5
-"""From this on a lamp is lit: the service knows 0 and 1."""
+"""A lamp is lit from this value on. The service itself has 0 and 1 only."""
 
 _VECTORS = ("accels", "gyros", "mags", "rpms")
 _JSON = msgspec.json.Decoder()
 
 
 class Data(msgspec.Struct, frozen=True):
-    """One answer to ``GET /data``. What the rover did not tell is NaN."""
+    """One answer to ``GET /data``. A value that the rover does not report is NaN."""
 
     stamp_s: float  # the rover's clock
     speed: float  # unit not documented
@@ -52,26 +51,26 @@ class Data(msgspec.Struct, frozen=True):
 
 
 class Picture(msgspec.Struct, frozen=True):
-    """What a camera saw."""
+    """A picture of one camera."""
 
     jpeg: bytes
-    stamp_s: float  # the rover's clock; NaN: not told
+    stamp_s: float  # the rover's clock; NaN if it is not reported
 
 
 def decode_picture(body: bytes, view: str) -> Picture:
-    """Return an answer to ``GET /v2/VIEW``. Raise ``MalformedFrame``."""
-    told = _decode(body)
-    frame = told.get(f"{view}_frame")
+    """Decode an answer to ``GET /v2/VIEW``. Raise ``MalformedFrame``."""
+    fields = _decode(body)
+    frame = fields.get(f"{view}_frame")
     if not isinstance(frame, str) or not frame:
         raise MalformedFrame(f"no {view}_frame")
     try:
-        return Picture(base64.b64decode(frame, validate=True), _number(told, "timestamp"))
+        return Picture(base64.b64decode(frame, validate=True), _number(fields, "timestamp"))
     except (binascii.Error, ValueError):
         raise MalformedFrame(f"{view}_frame is no base64") from None
 
 
 def encode_setpoint(linear: float, angular: float, lamp: float) -> bytes:
-    """Return the body of a command: fractions of full speed, and whether the lamp is lit."""
+    """Return the body of a command. ``linear`` and ``angular`` are fractions of full speed."""
     command = {"linear": float(linear), "angular": float(angular), "lamp": int(lamp >= LIT)}
     return msgspec.json.encode({"command": command})
 
@@ -82,59 +81,57 @@ def encode_stop(lamp: float) -> bytes:
 
 
 def decode_command(body: bytes) -> dict[str, Any] | None:
-    """Return the command of a body of ``POST /control``; None where there is none. Raise
-    ``MalformedFrame``."""
+    """Return the command in a body of ``POST /control``; None without one. Raise ``MalformedFrame``."""
     command = _decode(body).get("command")
     return command if isinstance(command, dict) and command else None
 
 
 def is_stop(command: dict[str, Any]) -> bool:
-    """Whether a command is a stop, not a setpoint."""
+    """Return True if a command is a stop, and not a setpoint."""
     return all(type(command.get(name)) is int and command[name] == 0 for name in ("linear", "angular"))
 
 
 def decode_data(body: bytes) -> Data:
-    """Return an answer to ``GET /data``. Raise ``MalformedFrame`` for one without a time or a
-    speed."""
-    told = _decode(body)
-    stamp, speed = _number(told, "timestamp"), _number(told, "speed")
+    """Decode an answer to ``GET /data``. Raise ``MalformedFrame`` if it has no time or no speed."""
+    fields = _decode(body)
+    stamp, speed = _number(fields, "timestamp"), _number(fields, "speed")
     if math.isnan(stamp) or math.isnan(speed):
         raise MalformedFrame("data without a timestamp or a speed")
-    latitude, longitude = _number(told, "latitude"), _number(told, "longitude")
-    if not (abs(latitude) <= 90.0 and abs(longitude) <= 180.0):  # 1000 is what it says without a fix
+    latitude, longitude = _number(fields, "latitude"), _number(fields, "longitude")
+    if not (abs(latitude) <= 90.0 and abs(longitude) <= 180.0):  # Without a fix the rover reports 1000.
         latitude = longitude = math.nan
     return Data(
         stamp,
         speed,
-        _number(told, "battery"),
-        _number(told, "signal_level"),
-        _number(told, "orientation"),
+        _number(fields, "battery"),
+        _number(fields, "signal_level"),
+        _number(fields, "orientation"),
         latitude,
         longitude,
-        _number(told, "lamp"),
-        _number(told, "vibration"),
-        {name: row for name in _VECTORS if (row := _newest(told.get(name)))},
+        _number(fields, "lamp"),
+        _number(fields, "vibration"),
+        {name: row for name in _VECTORS if (row := _newest(fields.get(name)))},
     )
 
 
 def _decode(body: bytes) -> dict[str, Any]:
     try:
-        told = _JSON.decode(body)
+        value = _JSON.decode(body)
     except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
         raise MalformedFrame(f"no JSON ({error})") from None
-    if not isinstance(told, dict):
+    if not isinstance(value, dict):
         raise MalformedFrame("JSON, but no object")
-    return told
+    return value
 
 
-def _number(told: dict[str, Any], name: str) -> float:
-    number = finite(told.get(name))
+def _number(fields: dict[str, Any], name: str) -> float:
+    number = finite(fields.get(name))
     return math.nan if number is None else number
 
 
 def _newest(rows: object) -> tuple[float, ...]:
-    """Return the last of several rows of numbers, less its last, which is a time; empty where there
-    is none."""
+    """Return the last of several rows of numbers, without its last number, which is a time; empty without a
+    row."""
     if not isinstance(rows, list) or not rows or not isinstance(rows[-1], list) or len(rows[-1]) < 2:
         return ()
     numbers = [finite(value) for value in rows[-1][:-1]]

@@ -1,4 +1,4 @@
-"""The robots of this wire, as data: ``robots.toml``."""
+"""The robots of this wire as data (``robots.toml``)."""
 
 from __future__ import annotations
 

@@ -1,8 +1,7 @@
-"""How the rover is stopped: over a connection of its own, without the HTTP client of the wire
-process.
+"""Stop the rover over a separate connection, without the HTTP client of the wire process.
 
-The root's stop channel keeps one open, so that the first zero leaves at once. It knows nothing of
-the lamp, and puts it out; the wire leaves it as it was told.
+The root's stop channel keeps a connection open, so that the first zero leaves at once. It does not know
+the lamp's state and switches it off. The wire keeps that state.
 """
 
 from __future__ import annotations
@@ -21,18 +20,18 @@ from . import protocol as p
 from .config import EarthRoverConfig
 
 STEADY_S = 1.0
-"""For so long of the rover's clock it must report that it stands: between the SDK process and the
-rover is a network, so that a command comes after the service has answered, and a report is from
-before that [assumed: both together within 1 s]."""
+"""How long, on the rover's clock, it must report that it stands. There is a network between the SDK process
+and the rover. So a command arrives after the service has answered, and a report is from before that
+[assumed: both together within 1 s]."""
 
 STOP_S = 2.7
-"""How long zero is repeated: less than ``Timing.safe_s``, and than what is left of it when a link
-is reached; time for a rover that reports once a second (vendor's example) to show that it
-stands."""
+"""How long zero is repeated. This is less than ``Timing.safe_s``, and less than the rest of it when a new
+link has to be opened first. It is enough for a rover that reports once a second (vendor's example) to show
+that it stands."""
 
 
 class RoverZero:
-    """A stop in the words of the service. ``lamp``: as it is to stay."""
+    """The stop request of the service. It sets the lamp to ``lamp``."""
 
     target = p.CONTROL
     state_target = p.DATA
@@ -42,8 +41,8 @@ class RoverZero:
         self.body = p.encode_stop(lamp)
 
     def standing(self, body: bytes) -> Standing:
-        """A rover that turns on the spot may report speed 0 [assumed]: its wheels must rest, too,
-        where it tells how they turn."""
+        """Return the reported speed. A rover that turns on the spot may report speed 0 [assumed], so its
+        wheels must stand, too, if it reports them."""
         data = p.decode_data(body)
         turns = (abs(rpm) for rpm in data.vectors.get("rpms", ()) if not math.isnan(rpm))
         return Standing(data.stamp_s, max(abs(data.speed), *turns, 0.0))

@@ -1,7 +1,6 @@
-"""The vendor's SDK process as a twin: its HTTP service with a rover behind it.
+"""Run the vendor's SDK process as a twin: its HTTP service with a rover behind it.
 
-As the real one, it answers a command when it has taken it, and a rover that has no fix reports
-latitude 1000.
+Like the real one, it answers a command when it has taken it, and reports latitude 1000 without a fix.
 """
 
 from __future__ import annotations
@@ -77,7 +76,7 @@ class RoverTwin:
         self._stuck: bytes | None = None
 
     def set_fault(self, fault: Fault, unit: int | None = None) -> None:
-        """``unit``: of no meaning here, there is one speaker."""
+        """Set a fault. ``unit`` has no meaning here: the robot is the only sender."""
         self.rover.pass_time()
         self._stuck = self.data() if fault is Fault.STUCK else None
         self.rover.stuck = fault is Fault.STUCK
@@ -116,11 +115,11 @@ class RoverTwin:
     def _picture(self, view: str) -> Answer:
         if view == "rear" and not self._rear:
             return Answer(p.NOT_FOUND, b'{"detail":"Rear camera is not available"}')
-        told = {f"{view}_frame": base64.b64encode(_PICTURE).decode(), "timestamp": self.rover.time_s}
-        return Answer(p.OK, msgspec.json.encode(told))
+        picture = {f"{view}_frame": base64.b64encode(_PICTURE).decode(), "timestamp": self.rover.time_s}
+        return Answer(p.OK, msgspec.json.encode(picture))
 
     def data(self) -> bytes:
-        """Return what ``GET /data`` is answered with now."""
+        """Return the present answer to ``GET /data``."""
         rover = self.rover
         stamp = rover.reported_s
         speed = rover.reported_speed + (0.5 if self.faults.of(None) is Fault.WRONG else 0.0)
@@ -148,7 +147,7 @@ class RoverTwin:
 
 
 class RoverBody:
-    """The rover as a simulation: what the wire drives follows the wire."""
+    """The rover in a simulation. Parts that the wire drives follow the wire."""
 
     axes = ("linear", "angular", "lamp")
 

@@ -1,10 +1,9 @@
-"""The service in the wire process: commands on one connection, what the rover reports on another,
-stops on a third.
+"""The wire of the rover, in the wire process: commands on one connection, reports on another, stops on a
+third.
 
-A command is written when the one before has been answered; one that is not answered within half a
-second ends the link. As long as an answer is owed no stop is confirmed: what was sent may still be
-carried out. So zero follows it on its own connection, where neither overtakes the other, before it
-goes out on a new one.
+A command is written when the previous one has been answered. Without an answer within half a second the
+link ends. No stop is confirmed while an answer is pending, because that command may still be carried out.
+So zero follows the command on its own connection, which keeps their order, and then leaves on a new one.
 """
 
 from __future__ import annotations
@@ -32,27 +31,27 @@ from .config import REPORT_OLD_S, EarthRoverConfig
 from .stop import STOP_S, RoverZero
 
 COMMAND_S = 0.5
-"""Within which a command must be answered, or the link counts as lost."""
+"""Longest time for the answer to a command. After that the link counts as lost."""
 
 WAIT_S = 0.2
-"""How long a command waits for the answer to the one before."""
+"""How long a command waits for the answer to the previous one."""
 
 OWED_S = 0.03
-"""How long a stop waits for the answer to a command that has just been sent."""
+"""How long a stop waits for the answer to a command that was just sent."""
 
 REPORT_S = 0.3
-"""How long one ``GET /data`` waits."""
+"""Longest time for one ``GET /data``."""
 
 ARM_S = 1.0
 
 SILENT_S = 1.0
-"""Without an answer for so long the link counts as lost."""
+"""The link counts as lost after so long without an answer."""
 
 QUIET_S = 0.5
-"""No command is written when the service has told nothing for so long."""
+"""No command is written after so long without data from the service."""
 
 LOOK_S = 0.02
-"""How often is looked for the second report."""
+"""Period of polling for the second report."""
 
 
 class EarthRoverWire(Wire):
@@ -63,17 +62,18 @@ class EarthRoverWire(Wire):
         self._clock = clock
         self._stop: HttpPort | None = None
         self._commands: HttpPort | None = None
-        self._nursery: trio.Nursery | None = None  # of ``serve``
-        self._owed: trio.Event | None = None  # a command has been sent and not answered; set when it is
-        self._given_up = False  # an answer has not come: this wire writes no command any more
-        self._told: tuple[float, ...] = (0.0, 0.0, 0.0)  # what the rover was last told, in axis order
+        self._nursery: trio.Nursery | None = None  # the one of ``serve``
+        self._owed: trio.Event | None = None  # of an unanswered command; set by its answer
+        self._given_up = False  # True after a missing answer: this wire writes no more commands
+        self._told: tuple[float, ...] = (0.0, 0.0, 0.0)  # the last command, in axis order
         self._seen: Observation | None = None
         self._heard_ns = 0  # when the service last answered with data
         self._stamp_s = math.nan  # of the newest report, on the rover's clock
         self._problem = "it has told nothing yet"
 
     async def open(self) -> dict[str, Any]:
-        """Hear two reports: a service goes on telling the last of a rover that is gone."""
+        """Connect, and wait for two different reports. For a rover that is gone, the service repeats the last
+        one."""
         self.close()
         port = self._port()
         first = await self._ask(port, self._config.timeout_s)
@@ -92,7 +92,7 @@ class EarthRoverWire(Wire):
         )
 
     async def _ask(self, port: HttpPort, within_s: float) -> p.Data:
-        """Raise ``WireDown``."""
+        """Request one report. Raise ``WireDown``."""
         try:
             answer = await port.ask("GET", p.DATA, within_s=within_s)
             return self._data(answer.status, answer.body)
@@ -155,9 +155,11 @@ class EarthRoverWire(Wire):
         return await self._stop_base(zero, written)
 
     async def reach(self, safe_state: SafeState) -> tuple[MotorReport, ...]:
-        """As ``make_safe``, on a new connection; the answer that is owed is waited for no longer.
-        Before that, zero leaves on what is open, whatever has come there. Where a command waits,
-        behind it alone: a service that goes on reads its connections in any order."""
+        """Stop on a new connection, without waiting any longer for a pending answer.
+
+        Before that, zero leaves on the open connections, in any state. If a command is pending, it leaves
+        after that command only, because a service that continues reads its connections in any order.
+        """
         zero = self._zero()
         written = self._follow(zero)
         waits, self._owed = self._owed is not None, None
@@ -173,10 +175,11 @@ class EarthRoverWire(Wire):
         return RoverZero(lamp)
 
     async def _stop_base(self, zero: RoverZero, written: bool) -> tuple[MotorReport, ...]:
-        """``written``: whether zero has left on a connection that is not used any more."""
+        """Repeat zero until the rover stands. ``written`` is True if zero has left on a connection that is
+        not used any more."""
         try:
             if self._owed is not None and not await self._answered(OWED_S):
-                self._port().close_in_order()  # a new connection is heard after those that wait
+                self._port().close_in_order()  # The service reads a new connection after those that wait.
             outcome = await stop_base(
                 self._port(), zero, STOP_S, lambda: self._owed is not None and not self._given_up
             )
@@ -202,11 +205,11 @@ class EarthRoverWire(Wire):
                 port.close()
         self._owed = self._seen = None
 
-    # -- what runs beside the calls
+    # -- background tasks
 
     async def _take_answer(self, port: HttpPort, number: int, owed: trio.Event) -> None:
-        """Raise ``WireDown`` when it does not come. Then zero has followed its command, and no
-        other does."""
+        """Wait for the answer to a command. If it does not come, send zero after the command, permit no
+        further one, and raise ``WireDown``."""
         answered = False
         try:
             with trio.move_on_after(COMMAND_S):
@@ -225,22 +228,21 @@ class EarthRoverWire(Wire):
                 self._follow(RoverZero(self._told[2]))
 
     async def _answered(self, within_s: float) -> bool:
-        """Wait until no answer to a command is owed."""
+        """Wait until no answer is pending. Return False after ``within_s`` seconds."""
         with trio.move_on_after(within_s):
             while self._owed is not None:
                 await self._owed.wait()
         return self._owed is None
 
     def _follow(self, zero: RoverZero) -> bool:
-        """Send zero on the connection of the commands, behind the one that is owed an answer.
-        Return whether it has left."""
+        """Send zero on the connection of the commands, after the pending one. Return True if it was sent."""
         return self._commands is not None and _send_zero(self._commands, zero)
 
     async def _hear(self, reports: HttpPort) -> None:
         try:
             self._observe(await self._ask(reports, REPORT_S))
         except WireDown as problem:
-            self._problem = str(problem)  # ``read`` tells when it lasts
+            self._problem = str(problem)  # ``read`` reports it if it lasts.
 
     def _data(self, status: int, body: bytes) -> p.Data:
         if status != p.OK:
@@ -248,8 +250,8 @@ class EarthRoverWire(Wire):
         return p.decode_data(body)
 
     def _observe(self, data: p.Data) -> None:
-        """Its age is that of the report: the service tells the last one again until there is
-        another."""
+        """Keep a report. Its age counts from its first arrival, since the service repeats the last one until
+        the next."""
         now_ns = self._heard_ns = self._clock.now_ns()
         if self._seen is not None and data.stamp_s == self._stamp_s:
             now_ns = self._seen.t_ns
@@ -286,5 +288,5 @@ def _send_zero(port: HttpPort, zero: RoverZero) -> bool:
     try:
         port.send_stop("POST", zero.target, zero.body)
     except WireDown:
-        return False  # it is closed: the stop goes out on another
+        return False  # It is closed. The stop uses another connection.
     return True

@@ -1,8 +1,8 @@
-"""The duck behind its twin's socket: a base that walks by a twist, in the plane, a head and a mouth
-that follow, legs that step as they go, and skills that play for a while.
+"""Simulate the duck behind its twin's socket: a base that walks by a twist in the plane, a head and a mouth
+that follow, legs that step, and skills that play for a while.
 
-Kinematic: what it is told it does, unless it is held, sits, is relaxed or plays a skill. A relaxed
-one sinks down [assumed: the real one collapses].
+The duck is kinematic. It does what it is commanded, unless it is held, sits, is relaxed or plays a skill. A
+relaxed one sinks down [assumed: the real one collapses].
 """
 
 from __future__ import annotations
@@ -23,18 +23,18 @@ DEADMAN_S = 0.5
 _REST = (0.0, 0.0, 0.0)
 _STEP_S = 0.01
 _LONGEST_S = 0.25
-"""Time that nobody looked at is passed when somebody does, up to this: a longer stall is
-dropped."""
+"""Longest time that is simulated at once after a pause. The rest of a longer pause is skipped."""
 
 _HIP_M, _LEG_M = 0.01, 0.11
-"""From trunk to hip, and from hip to foot, stretched: as ``model_rows`` has them."""
+"""From trunk to hip, and from hip to foot when stretched, as in ``model_rows``."""
 _BENT_RAD, _FOLDED_RAD = 0.35, 0.785
 _CADENCE_RAD_S, _STRIDE_RAD, _LIFT_RAD = 12.0, 0.25, 0.3
 _MOUTH_RAD = 0.6
 
 
 class Duck:
-    """``applied``: what it does of what it was asked. ``deadman_s``: 0: never."""
+    """The duck. ``applied`` is its present twist. It zeroes a twist after ``deadman_s`` without another; 0
+    for never."""
 
     axes = AXES
 
@@ -47,7 +47,7 @@ class Duck:
         self.reset()
 
     def reset(self) -> None:
-        """As after switching on: on its stand, powered, and no policy drives it."""
+        """Restart as after switching on: on its stand, powered, without a driving policy."""
         self.hand = Hand.NONE
         self.mode = "walk"
         self.enabled = False
@@ -68,7 +68,7 @@ class Duck:
 
     @property
     def policy(self) -> str:
-        """What drives it this moment, in robotd's words."""
+        """Return the name of the present policy, in robotd's words."""
         if not self.enabled or not self.powered or self._now_s() < self._up_at_s:
             return HELD
         if self.skill:
@@ -77,7 +77,7 @@ class Duck:
             return "sitstand"
         return "walk" if any(self.applied) else "stand"
 
-    # -- what it is told
+    # -- commands
 
     def walk(self, twist: Sequence[float], hand: Hand) -> None:
         self.pass_time()
@@ -85,7 +85,7 @@ class Duck:
         self.hand = hand if any(twist) else Hand.NONE if hand is Hand.WIRE else hand
 
     def enable(self, on: bool) -> None:
-        """It stands up, if it was limp; off, it holds its pose."""
+        """Stand up if it is limp, and let a policy drive; with False, hold the pose."""
         self.pass_time()
         if on and not self.enabled:
             self._up_at_s = self._now_s() + float(self._table["rise_s"])
@@ -100,7 +100,7 @@ class Duck:
             self.skill = ""
 
     def do(self, skill: str) -> str:
-        """Begin a skill; return why not, empty: it has begun."""
+        """Begin a skill. Return why it did not begin; empty if it did."""
         self.pass_time()
         if self.policy == HELD:
             return "no policy drives the robot: enable it first"
@@ -116,7 +116,7 @@ class Duck:
     # -- time
 
     def pass_time(self) -> None:
-        """Until now."""
+        """Advance to the present time."""
         now_s = self._now_s()
         passed_s, self._seen_s = now_s - self._seen_s, now_s
         if self._deadman_s and self.hand is Hand.WIRE and now_s - self._told_s > self._deadman_s:
@@ -136,12 +136,12 @@ class Duck:
             self.skill = ""
         driven = self.hand is Hand.SIM or self.policy != HELD
         why = self.skill or ("sitting" if self.sitting else "" if driven else HELD)
-        wanted = _REST if why or self.stuck else self.requested
+        goals = _REST if why or self.stuck else self.requested
         self.limited_by = (why,) if why and any(self.requested) else ()
         most = (table["accel_m_s2"], table["accel_m_s2"], table["accel_rad_s2"])
         self.applied = tuple(
             now + max(-rate * step_s, min(rate * step_s, to - now))
-            for now, to, rate in zip(self.applied, wanted, most, strict=True)
+            for now, to, rate in zip(self.applied, goals, most, strict=True)
         )
         vx, vy, vyaw = self.applied
         self.yaw_rad = math.remainder(self.yaw_rad + vyaw * step_s, 2 * math.pi)
@@ -155,17 +155,17 @@ class Duck:
                 for now, to in zip(self.head_rad, self.head_target, strict=True)
             )
 
-    # -- how it looks
+    # -- appearance
 
     @property
     def body_pose(self) -> Sequence[float]:
-        """z, roll and pitch, as long as they are held."""
+        """Return z, roll and pitch while a pose is active."""
         z, roll, pitch, active = self.pose_target
         return (z, roll, pitch) if active else _REST
 
     @property
     def joints_rad(self) -> list[float]:
-        """All joints, in the order of robotd's rows."""
+        """Return all joints, in the order of robotd's rows."""
         return [*self._leg(0.0), *self.head_rad, self.mouth * _MOUTH_RAD, *self._leg(math.pi)]
 
     @property
@@ -180,8 +180,8 @@ class Duck:
         return math.acos(max(math.cos(_FOLDED_RAD), min(1.0, straight)))
 
     def _leg(self, lag_rad: float) -> list[float]:
-        """Yaw, roll, pitch, knee and ankle: bent, the foot flat; it swings and is lifted as it
-        walks."""
+        """Return yaw, roll, pitch, knee and ankle: bent, with the foot flat. A walking leg swings and
+        lifts."""
         bend, phase = self._bend_rad, self._phase + lag_rad
         pace = min(1.0, math.hypot(*self.applied) / 0.3)
         lift = _LIFT_RAD * pace * max(0.0, math.sin(phase))

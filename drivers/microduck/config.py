@@ -1,4 +1,4 @@
-"""What the wire and the stop channel of a Microduck know of it."""
+"""The configuration that the wire and the stop channel of a Microduck share."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from strands_actors.drivers.common.addresses import is_host
 from .protocol import ROBOT_SOCKET
 
 USER = "radxa"
-"""Of the duck's board, where nobody says another."""
+"""Default user of the duck's board."""
 
 ACCEPTED = "/path/to/robotd.sock or ssh://[user@]host[:port]"
 
@@ -23,16 +23,16 @@ _SSH = re.compile(
 
 
 LATE_S = 0.5
-"""A request of a client that was killed may be carried out so late [assumed]. robotd serves each
-connection one request at a time, and the root has a connection of its own."""
+"""Longest delay after which a request of a killed client may still be carried out [assumed]. robotd serves each
+connection one request at a time, and the root has its own connection."""
 
 
 class Endpoint(msgspec.Struct, frozen=True):
-    """Where robotd listens: a path here, or one on ``host``, which ssh reaches."""
+    """The address of robotd: a local path, or one on ``host``, which ssh reaches."""
 
     path: str
     host: str = ""  # user@host
-    ssh_port: int = 0  # 0: what ssh takes by itself
+    ssh_port: int = 0  # 0 for ssh's own default
 
     @property
     def name(self) -> str:
@@ -40,8 +40,8 @@ class Endpoint(msgspec.Struct, frozen=True):
 
 
 def parse_port(port: str, user: str = USER) -> Endpoint:
-    """Raise ``ValueError`` with what would be accepted. A host never begins with a dash: to ssh
-    that would be an option."""
+    """Parse a port. Raise ``ValueError`` that names the accepted forms. A host never begins with a dash, since ssh
+    would take that for an option."""
     scheme, found, rest = port.partition("://")
     if not found:
         scheme, rest = "unix", port
@@ -56,8 +56,8 @@ def parse_port(port: str, user: str = USER) -> Endpoint:
 
 
 def endpoint_of_environment(environment: Mapping[str, str]) -> str:
-    """Return the port that ``MICRODUCK_SOCKET`` or ``MICRODUCK_HOST`` names, else the one of a
-    program on the duck itself."""
+    """Return the port that ``MICRODUCK_SOCKET`` or ``MICRODUCK_HOST`` gives; otherwise that of a program on the
+    duck itself."""
     if path := environment.get("MICRODUCK_SOCKET"):
         return path
     if host := environment.get("MICRODUCK_HOST"):
@@ -71,16 +71,16 @@ class MicroduckConfig(msgspec.Struct, frozen=True):
     user: str
     axes: tuple[str, ...]
     ids: tuple[int, ...]
-    modes: tuple[str, ...]  # drive modes that are known, in the order of their codes
-    skills: tuple[str, ...]  # of a stock robot, where it tells none
+    modes: tuple[str, ...]  # known drive modes, in the order of their codes
+    skills: tuple[str, ...]  # skills of a stock robot, used if it reports no skills
     api_version: int
     timeout_s: float
     subscribe_hz: int | None
     silent_s: float = 0.6
-    """Without a state for so long the link counts as lost."""
+    """The link counts as lost after so long without a state."""
 
     def endpoint(self) -> Endpoint:
-        """Raise ``WireDown`` for a port that is none."""
+        """Return the parsed port. Raise ``WireDown`` if it is invalid."""
         try:
             return parse_port(self.port, self.user)
         except ValueError as error:

@@ -1,10 +1,10 @@
-"""Pollen Robotics Microduck, through its own daemon robotd: JSON-RPC over a unix socket, here or
-by ssh.
+"""Declare Pollen Robotics' Microduck, through its own daemon robotd: JSON-RPC over a unix socket, local or by
+ssh.
 
-It walks by the policy that runs on it; what it takes are intents, no joint targets. Safe, for
-whatever reason, is to stand: the twist is zero, torque stays on, head, body and mouth stay. A
-command of the base lasts for its duration, and after that a new one may go on; after a stop only
-``resume()`` lets it. Connecting and ``resume()`` power nothing: ``enable()`` does.
+The duck walks by its own policy. It accepts intents, and no joint targets. The safe state is to stand for
+every reason: the twist is zero, torque stays on, and head, body and mouth stay. A command of the base lasts for
+its duration, and after that a new one may continue. After a stop only ``resume()`` permits one. Connecting and
+``resume()`` power nothing; ``enable()`` does.
 """
 
 from __future__ import annotations
@@ -76,9 +76,9 @@ class Microduck(Driver):
     unit = "m/s (vyaw: rad/s), head, roll and pitch: rad, z: m, open: 0..1"
     timing = Timing(
         control_hz=20.0,
-        keepalive_s=3600.0,  # never: ``Wire.feed`` says a twist again, and nothing else may be said twice
+        keepalive_s=3600.0,  # never: ``Wire.feed`` repeats a twist, and nothing else may be repeated
         stream_ttl_s=0.3,
-        oneshot_ttl_s=None,  # head, body and mouth stay; a twist ends with its duration
+        oneshot_ttl_s=None,  # head, body and mouth stay, and a twist ends with its duration
         state_ttl_s=0.5,
         safe_s=2.0,
     )
@@ -128,7 +128,7 @@ class Microduck(Driver):
         )
         timing = type(self).timing
         by_ssh = self.config.port.startswith("ssh://")
-        handover_s = timing.handover_s + (timeout_s if by_ssh else 0.0)  # the root has an ssh of its own
+        handover_s = timing.handover_s + (timeout_s if by_ssh else 0.0)  # the root has its own ssh
         self.timing = msgspec.structs.replace(timing, handover_s=handover_s, open_s=timeout_s + handover_s + 1.0)
         self.gates = all_gates(self.table, modes, timing.state_ttl_s)
         self._motors, self._slots = tuple(table["ids"]), tuple(table["slots"])
@@ -141,7 +141,7 @@ class Microduck(Driver):
         return parse(action, self.robot, self.table, self._index, state)
 
     def first_target(self, observation: Observation) -> tuple[float, ...]:
-        """Go on from where robotd sends the head, not from where that sags to."""
+        """Start at robotd's goal of the head, and not at its sagging position."""
         row = super().first_target(observation)
         head = observation.sensors.get("head_target_rad") or row[HEAD_AT]
         return (*row[: HEAD_AT.start], *head, *row[HEAD_AT.stop :])
@@ -151,7 +151,7 @@ class Microduck(Driver):
         return refusal or verbs.check_arguments(service, arguments, self._motors, self.config.modes, self._slots)
 
     def as_json(self, values: Sequence[float]) -> dict[str, float]:
-        """A target has its intents behind its axes."""
+        """Return the axes of a row, without the flags behind them."""
         return dict(zip(self.axes, values, strict=False))
 
     def commanded(self, action: Mapping[str, Any], values: Sequence[float]) -> dict[str, Any]:

@@ -1,5 +1,5 @@
-"""What is refused before it reaches robotd, and how an action becomes a target. Pure; nothing is
-ever clipped."""
+"""Turn an action into a target, and refuse targets before they reach robotd. Pure: no I/O. Nothing is ever
+clipped."""
 
 from __future__ import annotations
 
@@ -21,13 +21,13 @@ from strands_actors.kernel.refusals import Code
 from .robots import ACTIVE, AXES, HEAD, MOUTH, POSE, TWIST, ModeLimits
 
 DURATION = "duration"
-"""Key of an action beside the axes: how long a twist lasts, in seconds."""
+"""Key of an action beside the axes: the duration of a twist, seconds."""
 
 SHORTEST_S, LONGEST_S, USUAL_S = 0.1, 10.0, 1.0
 
 MOVES, HEADS, POSES, MOUTHS, UNTIL = (len(AXES) + at for at in range(5))
-"""Where what modifies a target stands, behind its axes: which intents the action names (1 or 0
-each), and until when its twist lasts, by the clock in seconds."""
+"""Indices of the values behind a target's axes: four flags for the intents that the action names (1 or 0),
+and the end of its twist, by the clock in seconds."""
 
 INTENTS = "move (vx, vy, vyaw), head (neck_pitch ...), pose (z, roll, pitch, active), mouth (open) or do(skill=...)"
 
@@ -37,18 +37,20 @@ _ROUNDING = 1e-9
 def parse(
     action: Mapping[str, object], robot: str, axes: Sequence[Axis], index: Mapping[str, int], state: GateState
 ) -> Candidate | Refused:
-    """Return the whole target, then which intents it names. What is not named of head, pose and
-    mouth keeps its target; a twist that lives goes on when none is named, as long as it was
-    promised."""
-    wanted = {str(key): value for key, value in action.items()}
-    given = wanted.pop(DURATION, None)
-    if refusal := _no_axis(wanted, index, robot) or _active(wanted):
+    """Return the whole target and its flags.
+
+    Head, pose and mouth keep their targets where the action does not name them. If it names no twist, the
+    present one continues to its own end.
+    """
+    targets = {str(key): value for key, value in action.items()}
+    given = targets.pop(DURATION, None)
+    if refusal := _no_axis(targets, index, robot) or _active(targets):
         return refusal
     on_axes = msgspec.structs.replace(state, target=state.target[: len(AXES)])
-    candidate = parse_twist(wanted, robot, axes, index, on_axes)
+    candidate = parse_twist(targets, robot, axes, index, on_axes)
     if isinstance(candidate, Refused):
         return candidate
-    named = {axes[at].key for at in candidate.named}
+    named = {axes[number].key for number in candidate.named}
     moves = bool(named & set(TWIST))
     until_ns = candidate.until_ns
     if moves:
@@ -66,12 +68,12 @@ def parse(
     return msgspec.structs.replace(candidate, values=(*values, *flags, until_ns / NS), until_ns=until_ns)
 
 
-def _no_axis(wanted: Mapping[str, object], index: Mapping[str, int], robot: str) -> Refused | None:
-    """Refuse names that are none with what takes their place: joints, above all, and skills."""
-    for key in wanted:
+def _no_axis(targets: Mapping[str, object], index: Mapping[str, int], robot: str) -> Refused | None:
+    """Refuse unknown names, in most cases joints or skills, and name the intents to use instead."""
+    for key in targets:
         plain = key.removesuffix(".pos")
         if plain == "skill":
-            shown = str(wanted[key])[:SHOWN]
+            shown = str(targets[key])[:SHOWN]
             return Refused(
                 MicroduckCode.SKILL,
                 "a skill is asked for and answered",
@@ -86,16 +88,16 @@ def _no_axis(wanted: Mapping[str, object], index: Mapping[str, int], robot: str)
     return None
 
 
-def _active(wanted: dict[str, object]) -> Refused | None:
-    """Make a number of ``active``. Refuse to end a pose and to set one in the same action."""
+def _active(targets: dict[str, object]) -> Refused | None:
+    """Convert ``active`` to a number. Refuse an action that both ends and sets a pose."""
     for key in ("active", "active.pos"):
-        if isinstance(wanted.get(key), bool):
-            wanted[key] = 1.0 if wanted[key] else 0.0
-        value = wanted.get(key)
-        if key in wanted and value not in (0, 1):
+        if isinstance(targets.get(key), bool):
+            targets[key] = 1.0 if targets[key] else 0.0
+        value = targets.get(key)
+        if key in targets and value not in (0, 1):
             shown = str(value)[:SHOWN]
             return Refused(Code.NOT_FINITE, f"active is {shown}", "give true or false", shown, "true, false")
-        if value == 0 and (also := [one for one in POSE[:3] if {one, f"{one}.pos"} & wanted.keys()]):
+        if value == 0 and (also := [one for one in POSE[:3] if {one, f"{one}.pos"} & targets.keys()]):
             why = f"active=False ends the pose, and {also[0]} is given"
             return Refused(Code.BOTH, why, "send one of them", also[0], "active=False alone")
     return None
@@ -112,12 +114,12 @@ def _duration(given: object) -> float | Refused:
 
 
 def all_gates(axes: Sequence[Axis], modes: Mapping[str, ModeLimits], state_ttl_s: float) -> tuple[GateCheck, ...]:
-    """Return the gates in the order in which they are asked: the first that refuses answers."""
+    """Return the gates in the order in which they are checked. The first refusal is the answer."""
     return silent(state_ttl_s), seated, within_mode(modes), past_range(axes)
 
 
 def silent(ttl_s: float) -> GateCheck:
-    """Refuse to command a duck whose state does not come."""
+    """Return a gate that refuses commands while no state arrives."""
     limit = f"{ttl_s * 1e3:.0f} ms"
 
     def silent(candidate: Candidate, state: GateState) -> Refused | None:
@@ -131,7 +133,7 @@ def silent(ttl_s: float) -> GateCheck:
 
 
 def seated(candidate: Candidate, state: GateState) -> Refused | None:
-    """Refuse to walk a duck that sits."""
+    """Refuse to walk while the duck sits."""
     if not candidate.values[MOVES] or not any(candidate.values[: len(TWIST)]):
         return None
     if not any(state.observation.sensors.get("sitting", ())):
@@ -140,7 +142,7 @@ def seated(candidate: Candidate, state: GateState) -> Refused | None:
 
 
 def within_mode(modes: Mapping[str, ModeLimits]) -> GateCheck:
-    """Refuse a twist that the present drive mode was not trained for."""
+    """Return a gate that refuses a twist outside the training of the present drive mode."""
     names = tuple(modes)
 
     def within_mode(candidate: Candidate, state: GateState) -> Refused | None:
@@ -148,14 +150,14 @@ def within_mode(modes: Mapping[str, ModeLimits]) -> GateCheck:
             return None
         vx, vy, vyaw = candidate.values[: len(TWIST)]
         if not (vx or vy or vyaw):
-            return None  # a zero stops it in any mode
-        told = state.observation.sensors.get("mode", (-1.0,))
-        at = round(told[0])
-        if not 0 <= at < len(names):
+            return None  # A zero stops the duck in any mode.
+        reported = state.observation.sensors.get("mode", (-1.0,))
+        number = round(reported[0])
+        if not 0 <= number < len(names):
             known = ", ".join(names)
             why = "the drive mode is not known, or none of ours"
             return Refused(Code.MODE, why, f"set_mode(mode=...) to one of {known}", "unknown", known)
-        mode = names[at]
+        mode = names[number]
         limit = modes[mode]
         ahead = limit.forward if vx >= 0 else limit.backward
         for key, value, most, unit in (
@@ -181,11 +183,11 @@ def _over(why: str, offered: str, limit: str) -> Refused:
     return Refused(Code.PAST_TRAVEL, why, f"stay within {limit}", offered, limit)
 
 
-# -- conditions: what must be true of it, whatever it is told
+# -- conditions of the robot, independent of a command
 
 
 def on_its_feet(observation: Observation, now_ns: int) -> Refused | None:
-    """Refuse while it has fallen, yields or is held up."""
+    """Refuse while the duck has fallen, is limp or is held up."""
     codes = (
         (MicroduckCode.FALLEN, "has fallen"),
         (MicroduckCode.LIMP, "yields"),
@@ -198,10 +200,9 @@ def on_its_feet(observation: Observation, now_ns: int) -> Refused | None:
 
 
 def driven(observation: Observation, now_ns: int) -> Refused | None:
-    """Refuse while no policy drives it: robotd takes intents then, too, and nothing comes of
-    them."""
-    told = observation.sensors.get("driven")
-    if told is not None and told[0]:
+    """Refuse while no policy drives the duck. robotd accepts intents then, too, but they have no effect."""
+    reported = observation.sensors.get("driven")
+    if reported is not None and reported[0]:
         return None
     return Refused(
         MicroduckCode.NOT_DRIVEN,

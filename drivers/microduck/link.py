@@ -1,5 +1,5 @@
-"""A connection to robotd for intents, states and stops. What is said on it is heard in its order:
-a stop never overtakes the intent before it."""
+"""A connection to robotd for intents, states and stops. robotd processes it in order, so a stop never overtakes
+the intent before it."""
 
 from __future__ import annotations
 
@@ -21,14 +21,14 @@ from . import protocol as p
 from .config import Endpoint, MicroduckConfig
 
 ANSWER_S = 0.2
-"""Within which a stop must be answered."""
+"""Longest time for the answer to a stop."""
 
 LOOK_HZ = 20
-"""States a second that are asked for, for a stop, on a connection that has none."""
+"""Rate of states that a stop requests, on a connection without a subscription."""
 
 
 class Way:
-    """How robotd's sockets are reached: a path here, or through an ssh of our own."""
+    """The way to robotd's sockets: a local path, or our own ssh."""
 
     def __init__(self, config: MicroduckConfig) -> None:
         self._config = config
@@ -39,7 +39,7 @@ class Way:
         return self._config.endpoint()
 
     async def open(self, remote: str = "") -> OrderlyStream:
-        """Connect to robotd, or to another daemon's socket ``remote``. Raise ``WireDown``."""
+        """Connect to robotd, or to the socket ``remote`` of another daemon. Raise ``WireDown``."""
         endpoint = self.endpoint
         if not endpoint.host:
             return await open_unix(remote or endpoint.path)
@@ -53,7 +53,7 @@ class Way:
 
 
 class DuckLink:
-    """``state``: the newest; ``stamps``: when it was new, by its ``t``."""
+    """The link. ``state`` is the newest state, and ``stamps`` the times at which its ``t`` changed."""
 
     def __init__(self, config: MicroduckConfig, clock: Clock, way: Way | None = None) -> None:
         self._config = config
@@ -63,7 +63,7 @@ class DuckLink:
         self.port = JsonRpcPort(self._way.open, self._take)
         self._subscribed = False
         self.state: p.State | None = None
-        self.told: Mapping[str, Any] = {}  # the state as it came
+        self.told: Mapping[str, Any] = {}  # the newest state as received
         self.stamps = Stamps()
         self.states = 0
         self.problem = "it has told nothing yet"
@@ -73,7 +73,7 @@ class DuckLink:
         return self.port.is_open
 
     async def connect(self) -> None:
-        """Connect, if it is not, and ask nothing. Raise ``WireDown``, as everything here."""
+        """Connect, unless it is connected, and send nothing. Raise ``WireDown``, as all methods here do."""
         if not self.port.is_open:
             self._subscribed = False
             self.stamps.connected()
@@ -83,24 +83,24 @@ class DuckLink:
         return p.read_hello(await self.ask(p.HELLO, {"api_version": self._config.api_version}, within_s))
 
     async def subscribe(self, hz: int | None, within_s: float) -> tuple[str, ...]:
-        """Ask for states; return the skills that the robot says it has."""
+        """Subscribe to states. Return the robot's skills."""
         answer = await self.ask(p.SUBSCRIBE, {} if hz is None else {"hz": hz}, within_s)
         self._subscribed = True
         return p.read_skills(answer)
 
     async def ask(self, method: str, params: Mapping[str, Any], within_s: float) -> Any:
-        """Raise ``WireDown`` for an error, too."""
+        """Send a request and return its answer. Raise ``WireDown`` for an error, too."""
         try:
             return await self.port.ask(method, params, within_s)
         except SaidNo as no:
             raise WireDown(f"{method}: robotd says {no} ({no.code}). Look at its log") from None
 
     async def hear(self) -> None:
-        """Keep ``state`` new, until the connection is lost."""
+        """Receive states until the connection is lost."""
         await self.port.hear()
 
     async def next_state(self) -> p.State:
-        """Return the next that comes, asked for where nobody has."""
+        """Wait for the next state, after subscribing if that was not done."""
         if not self._subscribed:
             self.port.forget(self.port.send(p.SUBSCRIBE, {"hz": LOOK_HZ}))
             self._subscribed = True
@@ -113,12 +113,11 @@ class DuckLink:
         await self.port.until(lambda: self.state is not None and is_so(self.state))
 
     async def until_it_goes_on(self) -> None:
-        """Return once two states with two stamps have come: one may be the last of a loop that is
-        stuck."""
+        """Wait for two states with different stamps. A single one may be the last of a stuck loop."""
         await self.port.until(lambda: self.stamps.goes_on)
 
     def close(self) -> None:
-        """Throw the connection away. Harmless when called again."""
+        """Close the connection at once. It may be called again."""
         self.port.close()
         if self._own_way:
             self._way.close()
@@ -129,7 +128,7 @@ class DuckLink:
         try:
             state = p.read_state(call.params)
         except MalformedFrame as malformed:
-            self.problem = str(malformed)  # ``read`` tells when it lasts
+            self.problem = str(malformed)  # ``read`` reports it if it lasts.
             return
         self.stamps.take(state.t_s, self._clock.now_ns())
         self.state, self.told = state, call.params
@@ -137,6 +136,6 @@ class DuckLink:
 
 
 def report_of(state: p.State) -> Report:
-    """Return what a state says of the base as a whole."""
+    """Return the report of the base as a whole."""
     moving = state.applied if any(state.applied) else state.requested
     return Report(round(state.t_s * NS), state.stands, ", ".join(f"{value:.3g}" for value in moving))

@@ -1,8 +1,8 @@
-"""What is said to robotd, and what it says: methods, parameters, and answers that were checked.
-Pure.
+"""Encode the requests to robotd, and decode and check its answers. Pure: no I/O.
 
-Names and units are those of the public protocol crate (duck-ipc-proto): metres, radians, seconds;
-x forward, y left, z up; a positive ``vyaw`` turns left.
+Names and units are those of the public protocol crate (duck-ipc-proto): metres, radians, seconds; x
+forward, y left, z up; a positive ``vyaw`` turns left. Each ``read_*`` raises ``MalformedFrame`` for an answer
+that it cannot read.
 """
 
 from __future__ import annotations
@@ -15,11 +15,11 @@ from strands_actors.contract.axis import finite
 from strands_actors.drivers.common.malformed import MalformedFrame
 
 API_VERSION = 31
-"""What we say in ``hello``. robotd refuses nobody for it: what it does not know it says of each
-call."""
+"""Our version in ``hello``. robotd accepts any version, and refuses the single calls that it does not
+have."""
 
 POLICIES_SINCE, HOMED_SINCE = 18, 31
-"""Versions from which ``robot.policies`` exists, and tells whether the duck sits."""
+"""First version with ``robot.policies``, and first version in which that reports whether the duck sits."""
 
 ROBOT_SOCKET = "/run/robotd.sock"
 TOF_SOCKET = "/run/tofd/tof.sock"
@@ -34,18 +34,18 @@ POLICIES, LOAD_POLICY, RELOAD_POLICIES = "robot.policies", "robot.loadPolicy", "
 TOF_STREAM, TOF_FRAME = "tof.stream", "tof.frame"
 
 HELD = "held"
-"""``policy`` of a state in which no policy drives the duck: it holds still, or is limp."""
+"""``policy`` of a state in which no policy drives the duck. The duck holds still, or is limp."""
 
 SIT_TOGGLE = "sit_toggle"
 SOUNDS = ("alarm", "greet", "inquire", "peck", "chirp", "coo")
-"""Tags that play once. ``wheee`` is a ride that has to be held, tick by tick: not played."""
+"""Tags that play once. ``wheee`` is missing: it has to be repeated with every tick."""
 
 JOINTS = 15
 HEAD_JOINTS = slice(5, 9)
 ZONES = 64
 
 _SLOTS = frozenset({"accepted", "walk", "stand", "sitstand", "unavailable", "skills"})
-"""Members of the answer to ``robot.subscribe`` that are no skill."""
+"""Members of the answer to ``robot.subscribe`` that are not skills."""
 
 Row = tuple[float, ...]
 
@@ -65,30 +65,30 @@ class State(NamedTuple):
     limited_by: tuple[str, ...]
     head_rad: Row
     fallen: bool
-    limp: bool  # its gains are low: it yields
+    limp: bool  # its gains are low, so it yields to a push
     picked_up: bool
-    joints_rad: Row  # measured; empty: it tells none
-    targets_rad: Row  # where it sends them; empty: it tells none
+    joints_rad: Row  # measured; empty if not reported
+    targets_rad: Row  # goals of the joints; empty if not reported
     position_m: Row
     yaw_rad: float
-    gyro_rad_s: Row  # empty: it tells none
+    gyro_rad_s: Row  # empty if not reported
     quaternion_wxyz: Row
 
     @property
     def stands(self) -> bool:
-        """Whether it is neither asked to walk nor does."""
+        """Return True if the duck neither is requested to walk nor walks."""
         return not any(self.requested) and not any(self.applied)
 
 
 class Health(NamedTuple):
     healthy: bool
     reason: str
-    battery_pct: float  # NaN: not measured
+    battery_pct: float  # NaN if not measured
     battery_v: float
 
 
 class Policies(NamedTuple):
-    """``sitting``: None where the robot does not say."""
+    """The drive mode and the skills. ``sitting`` is None if the robot does not report it."""
 
     mode: str
     skills: tuple[str, ...]
@@ -100,12 +100,12 @@ def move(vx: float, vy: float, vyaw: float) -> dict[str, float]:
 
 
 REST = {"vx": 0, "vy": 0, "vyaw": 0}
-"""The zero of a stop. Whole numbers, so that a log tells it from a writer's zero; robotd minds no
-difference."""
+"""The zero of a stop. It is in whole numbers, so that a log can tell it from a writer's zero. For robotd they
+are equal."""
 
 
 def is_rest(params: Mapping[str, Any]) -> bool:
-    """Whether the parameters of ``robot.move`` are those of a stop."""
+    """Return True if the parameters of ``robot.move`` are those of a stop."""
     return all(type(value) is int and value == 0 for value in params.values())
 
 
@@ -123,12 +123,12 @@ def pose(row: Sequence[float]) -> dict[str, float | bool]:
 
 
 def read_hello(value: object) -> Hello:
-    """Raise ``MalformedFrame``, as all of these."""
-    told = _object(value, "hello")
-    version = told.get("api_version")
+    """Decode the answer to ``hello``. Raise ``MalformedFrame``, as all of these functions do."""
+    fields = _object(value, "hello")
+    version = fields.get("api_version")
     if isinstance(version, bool) or not isinstance(version, int):
         raise MalformedFrame("hello without api_version")
-    return Hello(version, str(told.get("daemon_version") or "")[:64])
+    return Hello(version, str(fields.get("daemon_version") or "")[:64])
 
 
 def read_state(value: Mapping[str, Any]) -> State:
@@ -159,22 +159,22 @@ def read_state(value: Mapping[str, Any]) -> State:
 
 
 def read_health(value: object) -> Health:
-    told = _object(value, "health")
-    battery = _object(told.get("battery") or {}, "battery")
+    fields = _object(value, "health")
+    battery = _object(fields.get("battery") or {}, "battery")
     percent, volts = (finite(battery.get(name)) for name in ("percent", "volts"))
     return Health(
-        told.get("healthy") is True,
-        str(told.get("reason") or "")[:200],
+        fields.get("healthy") is True,
+        str(fields.get("reason") or "")[:200],
         math.nan if percent is None else percent,
         math.nan if volts is None else volts,
     )
 
 
 def read_policies(value: object) -> Policies:
-    """Skills come as names, or as objects that have one."""
-    told = _object(value, "policies")
-    sitting = told.get("sitting")
-    mode, skills = told.get("mode"), told.get("skills") or []
+    """Decode the policies. Skills are names, or objects with a name."""
+    fields = _object(value, "policies")
+    sitting = fields.get("sitting")
+    mode, skills = fields.get("mode"), fields.get("skills") or []
     if not isinstance(mode, str) or not isinstance(skills, list):
         raise MalformedFrame("policies without a mode, or whose skills are no list")
     return Policies(
@@ -192,29 +192,29 @@ def read_mode(value: object) -> str:
 
 
 def read_skills(subscribed: object) -> tuple[str, ...]:
-    """Return the skills that the answer to ``robot.subscribe`` names: a list, or before version 17
-    a member each."""
-    told = _object(subscribed, "subscribe")
-    if "skills" in told:
-        return _names(told["skills"], "skills")
-    return tuple(str(name)[:64] for name in told if name not in _SLOTS)
+    """Return the skills in the answer to ``robot.subscribe``: a list, or before version 17 a member for
+    each."""
+    fields = _object(subscribed, "subscribe")
+    if "skills" in fields:
+        return _names(fields["skills"], "skills")
+    return tuple(str(name)[:64] for name in fields if name not in _SLOTS)
 
 
 def read_intent(value: object) -> tuple[bool, str]:
-    """Return whether it was accepted, and what robotd says about it."""
-    told = _object(value, "an answer")
-    accepted = told.get("accepted")
+    """Return True if the intent was accepted, and robotd's reason."""
+    fields = _object(value, "an answer")
+    accepted = fields.get("accepted")
     if not isinstance(accepted, bool):
         raise MalformedFrame("an answer that does not say whether it was accepted")
-    return accepted, str(told.get("reason") or "")[:200]
+    return accepted, str(fields.get("reason") or "")[:200]
 
 
 def read_look(value: object) -> tuple[dict[str, float], bool]:
-    """Return where the head was sent, and whether the point is out of its reach."""
-    told = _object(value, "look")
-    where = _object(told.get("head"), "head")
+    """Return the goal of the head, and True if the point is out of its reach."""
+    fields = _object(value, "look")
+    where = _object(fields.get("head"), "head")
     names = ("neck_pitch", "head_pitch", "head_yaw", "head_roll")
-    return {name: _number(where.get(name), name) for name in names}, told.get("clamped") is True
+    return {name: _number(where.get(name), name) for name in names}, fields.get("clamped") is True
 
 
 def read_object(value: object) -> dict[str, Any]:
@@ -222,7 +222,7 @@ def read_object(value: object) -> dict[str, Any]:
 
 
 def read_distances(value: Mapping[str, Any]) -> list[float]:
-    """Return the millimetres of one frame of the depth sensor, row by row, the top first."""
+    """Return one frame of the depth sensor in millimetres, row by row, the top first."""
     return list(_row(value.get("distance_mm"), "distance_mm", ZONES))
 
 

@@ -1,4 +1,4 @@
-"""The robots of this wire, as data: ``robots.toml``."""
+"""The robots of this wire as data (``robots.toml``)."""
 
 from __future__ import annotations
 
@@ -14,18 +14,18 @@ HEAD = ("neck_pitch", "head_pitch", "head_yaw", "head_roll")
 POSE = ("z", "roll", "pitch", "active")
 MOUTH = ("open",)
 AXES = (*TWIST, *HEAD, *POSE, *MOUTH)
-"""In the order of a row."""
+"""All axes, in the order of a row."""
 
 HEAD_AT = slice(3, 7)
 POSE_AT = slice(7, 11)
 ACTIVE, OPEN = 10, 11
 
 HEAD_JOINTS = slice(5, 9)
-"""The head among the joints of a row of robotd."""
+"""The joints of the head in one of robotd's rows."""
 
 
 class ModeLimits(msgspec.Struct, frozen=True):
-    """What may be commanded in one drive mode."""
+    """The limits of a twist in one drive mode."""
 
     forward: float  # m/s
     backward: float
@@ -34,7 +34,7 @@ class ModeLimits(msgspec.Struct, frozen=True):
 
 
 def axes_of(robot: str) -> tuple[Axis, ...]:
-    """Return the axes of a robot, in the order of a row. Raise ``ValueError``."""
+    """Return the axes of a robot, in the order of a row. Raise ``ValueError`` for an unknown robot."""
     rows = TABLES.table(robot)["axes"]
     modes = {"v": AxisMode.VELOCITY, "p": AxisMode.POSITION}
     return tuple(
@@ -44,6 +44,6 @@ def axes_of(robot: str) -> tuple[Axis, ...]:
 
 
 def modes_of(robot: str) -> dict[str, ModeLimits]:
-    """Return the drive modes of a robot by name, in the order of their codes. Raise
-    ``ValueError``."""
+    """Return the drive modes of a robot by name, in the order of their codes. Raise ``ValueError`` for an
+    unknown robot."""
     return msgspec.convert(TABLES.table(robot)["modes"], dict[str, ModeLimits])

@@ -1,5 +1,5 @@
-"""The services of a Microduck: each is one question to robotd or a few, on a connection of their
-own. robotd serves a connection one request at a time, so a slow one would hold up a stop."""
+"""The services of a Microduck. Each sends one or a few requests to robotd, on a separate connection: robotd
+serves a connection one request at a time, so a slow request would delay a stop."""
 
 from __future__ import annotations
 
@@ -22,10 +22,10 @@ from .link import DuckLink, Way
 from .verbs import motor_ids
 
 LOOK_S = 1.0
-"""Within which a question that is asked again and again must be answered."""
+"""Longest time for the answer to a periodic request."""
 
 TOF_S = 2.0
-"""Within which the depth sensor must tell a frame."""
+"""Longest time for a frame of the depth sensor."""
 
 QUESTIONS = {
     "mode": p.GET_MODE,
@@ -33,16 +33,20 @@ QUESTIONS = {
     "health": p.HEALTH,
     "model": p.MODEL,
 }
-"""Services that hand on what robotd answers."""
+"""Services that return robotd's answer unchanged."""
 
 TOLD = ("t", "policy", "move", "head", "safety", "loop")
 """Members of a state that ``monitor`` shows."""
 
 
 class Services:
-    """``hello``, ``skills``: what the robot said of itself when it was greeted. ``unanswered``:
-    requests that move the robot, whose answers have not come. ``broken``: set when one has not come
-    in time, and what becomes of it is not known."""
+    """The services of one connected robot.
+
+    Attributes:
+        skills: The robot's skills.
+        unanswered: Number of pending requests that move the robot.
+        broken: Set when such a request was not answered in time, so that its effect is unknown.
+    """
 
     def __init__(self, config: MicroduckConfig, way: Way, link: DuckLink, hello: p.Hello) -> None:
         self._config = config
@@ -55,7 +59,7 @@ class Services:
         self.broken = trio.Event()
 
     async def look(self) -> tuple[p.Health, p.Policies]:
-        """Ask what changes without us. Raise ``WireDown``, ``MalformedFrame``."""
+        """Read the values that change without us. Raise ``WireDown`` or ``MalformedFrame``."""
         try:
             health = p.read_health(await self.port.ask(p.HEALTH, {}, LOOK_S))
             if self._hello.api_version < p.POLICIES_SINCE:
@@ -68,7 +72,7 @@ class Services:
         return health, policies
 
     async def perform(self, service: str, given: Mapping[str, Any], permit: Permit) -> dict[str, Any] | Refused:
-        """Raise ``WireDown``, ``PermitDenied``."""
+        """Run a service. Raise ``WireDown`` or ``PermitDenied``."""
         try:
             return await self._perform(service, given, permit)
         except SaidNo as no:
@@ -130,7 +134,7 @@ class Services:
         return self._known(service)
 
     def _known(self, service: str) -> dict[str, Any]:
-        """Answer from what is known without a question."""
+        """Answer from the present state, without a request."""
         if service == "version":
             return {
                 "api_version": self._hello.api_version,
@@ -145,7 +149,7 @@ class Services:
         return {name: self._link.told[name] for name in TOLD if name in self._link.told}
 
     async def _do(self, service: str, skill: str, permit: Permit) -> dict[str, Any] | Refused:
-        """Names are checked here: which there are is the robot's to say."""
+        """Run a skill. Its name is checked here, because only the robot knows its skills."""
         if skill not in self.skills:
             known = ", ".join(self.skills) or "none"
             return Refused(
@@ -154,7 +158,7 @@ class Services:
         return await self._intent(service, p.DO, {"skill": skill}, permit)
 
     async def _sit(self, service: str, down: bool, permit: Permit) -> dict[str, Any] | Refused:
-        """One skill does both, so it is asked first how the duck is."""
+        """Sit or stand. One skill does both, so robotd is asked for the present posture first."""
         policies = p.read_policies(await self._ask(p.POLICIES, {}, permit))
         if policies.sitting is None:
             why = f"robotd (API {self._hello.api_version}) does not say whether the duck sits"
@@ -191,15 +195,15 @@ class Services:
     async def _intent(
         self, service: str, method: str, params: Mapping[str, Any], permit: Permit
     ) -> dict[str, Any] | Refused:
-        """Do what is answered by whether it was accepted."""
+        """Send a request whose answer is whether it was accepted."""
         accepted, reason = p.read_intent(await self._request(method, params, permit))
         if not accepted:
             return Refused(Code.ROBOT, f"robotd says no: {reason or 'without a reason'}", "look at the robot")
         return {"accepted": True, **({"reason": reason} if reason else {})}
 
     async def _request(self, method: str, params: Mapping[str, Any], permit: Permit) -> Any:
-        """Ask for something that is carried out. A stop does not cut this short: it has to know
-        whether anything may still come."""
+        """Send a request that is carried out. A stop does not cancel the wait for its answer, since the stop has
+        to know whether the request is still pending."""
         permit.check()
         number = self.port.send(method, params)
         self.unanswered += 1
@@ -207,7 +211,7 @@ class Services:
             with trio.CancelScope(shield=True):
                 answer = await self.port.answer(number, self._config.timeout_s)
         except WireDown:
-            self.broken.set()  # and it stays unanswered
+            self.broken.set()  # The request stays in ``unanswered``.
             raise
         except SaidNo:
             self.unanswered -= 1

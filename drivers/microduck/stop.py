@@ -1,8 +1,8 @@
-"""How a Microduck is stopped, by the wire and by the root's stop channel alike: its twist is
-zeroed, again and again, until its own state says that it neither is asked to walk nor does.
+"""Stop a Microduck: repeat a zero twist until its own state shows that it neither is requested to walk nor walks.
+The wire and the root's stop channel use this.
 
-It stays on its feet: torque stays on, head, body and mouth keep their last targets. A skill that
-has begun plays to its end, since robotd has nothing that ends one.
+The duck stays on its feet. Torque stays on, and head, body and mouth keep their last targets. A skill that has
+begun plays to its end, since robotd has no method to end one.
 """
 
 from __future__ import annotations
@@ -24,16 +24,16 @@ from .config import MicroduckConfig
 from .link import ANSWER_S, DuckLink, report_of
 
 STOP_S = 1.7
-"""How long a stop is repeated: less than ``Timing.safe_s``, and than what is left of it when a
-link is reached."""
+"""How long a stop is repeated. This is less than ``Timing.safe_s``, and less than the rest of it when a new link
+has to be opened first."""
 
 GREET_S = 1.0
-"""Within which robotd must answer the stop channel's ``hello``."""
+"""Longest time for the answer to the stop channel's ``hello``."""
 
 
 class Stopping:
-    """One link as a base that can be stopped (``ReportingBase``). ``pending``: whether an earlier
-    request, on another connection, has not been answered: it may be carried out later."""
+    """A link as a base that can be stopped (``ReportingBase``). ``pending`` returns True if an earlier request on
+    another connection is unanswered, so that it may be carried out later."""
 
     def __init__(
         self, link: DuckLink, safe_state: SafeState, pending: Callable[[], bool] = nothing_pending
@@ -50,8 +50,8 @@ class Stopping:
         await self._link.connect()
 
     def zero(self) -> None:
-        """A hold zeroes the twist as a writer would; a stop asks for one by its name, and puts the
-        theremin down, which moves the mouth."""
+        """Send a zero. A hold zeroes the twist as a writer would. A stop uses robotd's stop method, and ends the
+        theremin, which moves the mouth."""
         port = self._link.port
         if self._safe_state == SafeState.ZERO:
             port.notify_stop(p.MOVE, p.REST)
@@ -60,7 +60,7 @@ class Stopping:
             port.notify_stop(p.THEREMIN, {"active": False})
 
     async def taken(self, within_s: float) -> None:
-        """Ask for a stop, and wait for the answer: all that was said before it was taken then."""
+        """Request a stop and wait for the answer. robotd has processed all earlier messages by then."""
         port = self._link.port
         try:
             accepted, reason = p.read_intent(await port.ask(p.STOP, {}, ANSWER_S))
@@ -78,12 +78,12 @@ class Stopping:
 async def stop_by(
     link: DuckLink, safe_state: SafeState, within_s: float = STOP_S, pending: Callable[[], bool] = nothing_pending
 ) -> Outcome:
-    """Never raises. Where the link is connected, the first frame leaves before the first wait."""
+    """Stop the duck. Never raises. On a connected link, the first frame leaves before the first wait."""
     return await stop_until_it_stands(Stopping(link, safe_state, pending), within_s)
 
 
 class MicroduckStopChannel(KeptSession[MicroduckConfig, DuckLink]):
-    """The root's own connection, greeted before anything is armed, and kept open."""
+    """The root's own connection. It is greeted before anything is armed, and kept open."""
 
     SERVED_FIRST: ClassVar[bool] = False
 

@@ -1,8 +1,8 @@
-"""robotd as a twin: its JSON-RPC on a unix socket, with a duck behind it that walks.
+"""Run robotd as a twin: its JSON-RPC on a unix socket, with a walking duck behind it.
 
-As robotd of API 31: it serves each connection in its order, refuses what it does not know by name
-and clamps nothing, and zeroes a twist that nobody says again. With ``api_version=16`` it knows
-what that one knew. It makes no sound and has no camera.
+It behaves as robotd of API 31. It serves each connection in order, refuses unknown fields by name, clamps
+nothing, and zeroes a twist that is not repeated. With ``api_version=16`` it has the methods of that version. It
+makes no sound and has no camera.
 """
 
 from __future__ import annotations
@@ -69,7 +69,7 @@ _ACCEPTED: dict[str, Any] = {"accepted": True}
 
 
 class Param(NamedTuple):
-    """One parameter: its type, and whether it must be there."""
+    """One parameter: its type, and whether it is required."""
 
     kind: type
     needed: bool = False
@@ -105,7 +105,7 @@ METHODS: dict[str, dict[str, Param]] = {
     "robot.remoteSessionActive": {},
 }
 SINCE = {p.POLICIES: 18, p.LOAD_POLICY: 18, p.RELOAD_POLICIES: 19, p.MODEL: 24, p.REBOOT_MOTORS: 31}
-"""Versions from which a method exists; of ``rebootMotors`` [assumed]."""
+"""First version with a method. The one of ``rebootMotors`` is [assumed]."""
 
 
 class DuckTwin:
@@ -121,7 +121,7 @@ class DuckTwin:
         mode: str = "walk",
         enabled: bool = False,
     ) -> None:
-        """Raise ``ValueError`` for a mode that is none."""
+        """Build the twin. Raise ``ValueError`` for an unknown mode."""
         table = TABLES.table(robot)
         if mode not in table["modes"]:
             raise ValueError(f"mode is {mode!r}. use {', '.join(table['modes'])}")
@@ -136,7 +136,7 @@ class DuckTwin:
         self.power_cycle()
 
     def set_fault(self, fault: Fault, unit: int | None = None) -> None:
-        """``unit``: of no meaning here, there is one speaker."""
+        """Set a fault. ``unit`` has no meaning here: the robot is the only sender."""
         self.body.pass_time()
         self._frozen = self.state() if fault is Fault.STUCK else None
         self.body.stuck = fault is Fault.STUCK
@@ -153,7 +153,7 @@ class DuckTwin:
     # -- calls
 
     def answer(self, call: Call) -> Any:
-        """Do what a call says, and return its result. Raise ``_No``."""
+        """Carry out a call and return its result. Raise ``_No`` for an error."""
         known = METHODS.get(call.method)
         if known is None or self.api_version < SINCE.get(call.method, 0):
             raise _No(METHOD_NOT_FOUND, f"unknown method {call.method!r}")
@@ -226,9 +226,16 @@ class DuckTwin:
                     "imu": {"ready": True, "stale_blocks": 0, "consecutive_stale_blocks": 0},
                 }
             case p.POLICIES:
-                told = {"mode": body.mode, "enabled": True, "slots": self._slots(), "skills": list(table["skills"])}
+                policies = {
+                    "mode": body.mode,
+                    "enabled": True,
+                    "slots": self._slots(),
+                    "skills": list(table["skills"]),
+                }
                 return (
-                    told if self.api_version < p.HOMED_SINCE else {**told, "homed": True, "sitting": body.sitting}
+                    policies
+                    if self.api_version < p.HOMED_SINCE
+                    else {**policies, "homed": True, "sitting": body.sitting}
                 )
             case p.MODEL:
                 head = ["neck_pitch", "head_pitch", "head_yaw", "head_roll"]
@@ -257,7 +264,7 @@ class DuckTwin:
         return {"accepted": False, "reason": why} if why else dict(_ACCEPTED)
 
     def _look(self, x: float, y: float, z: float, neck_pitch: float) -> dict[str, Any]:
-        """Turn the head, from where it is at rest: no kinematics of the neck."""
+        """Turn the head as if it were at rest. The neck has no kinematics here."""
         yaw, pitch = math.atan2(y, x), math.atan2(-z, math.hypot(x, y))
         axes = self._table["axes"]
         held = [
@@ -298,7 +305,7 @@ class DuckTwin:
     # -- states
 
     def state(self) -> dict[str, Any]:
-        """Return what ``robot.state`` tells now."""
+        """Return the present ``robot.state``."""
         if self._frozen is not None:
             return self._frozen
         body = self.body
@@ -353,8 +360,7 @@ def _check(given: Mapping[str, Any], known: Mapping[str, Param]) -> None:
 
 
 def kind_of(call: Call) -> tuple[str, str | None]:
-    """Return what a call is in the wire log's words: its kind, and the safe state that it brings
-    the robot to."""
+    """Return the kind of a call for the wire log, and the safe state to which it brings the robot."""
     match call.method:
         case p.MOVE:
             return ("safe", "zero") if p.is_rest(call.params) else ("setpoint", None)
@@ -372,7 +378,7 @@ def kind_of(call: Call) -> tuple[str, str | None]:
 
 
 class _Client:
-    """One connection, served in its order."""
+    """One connection, served in order."""
 
     def __init__(self, twin: DuckTwin, connection: Connection) -> None:
         self._twin = twin
@@ -388,7 +394,7 @@ class _Client:
                     for line in lines.feed(data):
                         self._hear(t_ns, line, nursery)
                 except MalformedFrame:
-                    raise ClientGone from None  # as a server does with what it cannot follow
+                    raise ClientGone from None  # A server drops a connection that it cannot parse.
 
     def _hear(self, t_ns: int, line: bytes, nursery: trio.Nursery) -> None:
         twin, connection = self._twin, self._connection
@@ -432,7 +438,7 @@ class _Client:
         self._connection.say(reply.kind, reply.data)
 
     async def _stream(self, hz: float) -> None:
-        """Tell the state until the client is gone; not one line of the log each."""
+        """Send the state until the client is gone. States are not logged."""
         twin, connection = self._twin, self._connection
         while True:
             await connection.frost.thawed()

@@ -1,5 +1,4 @@
-"""What a Microduck can be asked beyond move, head, pose and mouth, and what an agent may ask of
-it."""
+"""The services of a Microduck beyond move, head, pose and mouth, and the verbs of an agent."""
 
 from __future__ import annotations
 
@@ -22,10 +21,10 @@ CONFIRMED = {
     "init": "it powers the joints and moves all of them to the home pose",
     "reboot_motors": "it takes the torque away and restarts the servos: an unheld duck collapses",
 }
-"""Services that are refused without ``confirm=True``, and why."""
+"""Services that need ``confirm=True``, and the reason."""
 
 FAR_M = 10.0
-"""A point to look at is no farther [assumed]."""
+"""Largest distance of a point to look at [assumed]."""
 
 NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,63}")
 _IDS = re.compile(r"\[?\s*(\d{1,3}(\s*,\s*\d{1,3})*)?\s*\]?")
@@ -38,7 +37,7 @@ _METRES = {"type": "number", "description": "metres, in the trunk's frame: forwa
 
 
 def services_for(timeout_s: float) -> dict[str, Service]:
-    """Return the services, each with the time that it may take."""
+    """Return the services, each with its longest duration."""
     ask_s, rise_s = timeout_s + 1.0, timeout_s + 8.0
 
     def asks(about: str, arguments: Mapping[str, Any] | None = None) -> Service:
@@ -90,8 +89,8 @@ def services_for(timeout_s: float) -> dict[str, Service]:
 SERVICES: Mapping[str, Service] = services_for(5.0)
 
 MOVING_POWER = frozenset({"enable", "init", "set_mode", "load_policy", "reload_policies"})
-"""Services after which the robot moves by itself, whether a policy drives it or not: refused when
-the robot is disarmed, and while it walks."""
+"""Services after which the robot moves by itself, with or without a policy. They are refused when the robot is
+disarmed, and while it walks."""
 
 _ASKED = (
     "enable", "disable", "sit", "stand", "skills", "sounds", "mode", "policies", "reload_policies", "health",
@@ -101,7 +100,7 @@ _ASKED = (
 
 
 def tool_verbs() -> tuple[ToolVerb, ...]:
-    """Return what an agent may ask."""
+    """Return the verbs of an agent."""
 
     def asked(name: str, inputs: Mapping[str, Any], required: Sequence[str] = ()) -> ToolVerb:
         about = SERVICES[name].about
@@ -154,7 +153,7 @@ def tool_verbs() -> tuple[ToolVerb, ...]:
 
 
 def motor_ids(given: object) -> list[int] | None:
-    """Return the numbers of a text such as ``20, 21``, or of one number; None: it is neither."""
+    """Return the numbers in a text such as ``20, 21``, or one number; None for anything else."""
     number = finite(given)
     if number is not None:
         return [int(number)] if number == int(number) else None
@@ -166,7 +165,7 @@ def motor_ids(given: object) -> list[int] | None:
 def check_arguments(
     service: str, arguments: Mapping[str, Any], ids: Sequence[int], modes: Sequence[str], slots: Sequence[str]
 ) -> Refused | None:
-    """Refuse arguments of a declared service that it would not take."""
+    """Return a refusal for invalid arguments of a service; None if they are valid."""
     given = {**SERVICES[service].arguments, **arguments}
     if service in CONFIRMED and given[CONFIRM] is not True:
         why = CONFIRMED[service]
@@ -184,8 +183,8 @@ def check_arguments(
             if neck is None or not -1.571 <= neck <= 1.047:
                 return _bad(service, "neck_pitch", given["neck_pitch"], "-1.571..1.047 rad")
         case "reboot_motors":
-            wanted = motor_ids(given["ids"])
-            if wanted is None or not set(wanted) <= set(ids):
+            requested = motor_ids(given["ids"])
+            if requested is None or not set(requested) <= set(ids):
                 return _bad(service, "ids", given["ids"], f"some of {', '.join(map(str, ids))}; empty: all")
         case "play_sound" if given["tag"] not in SOUNDS:
             return _bad(

@@ -1,9 +1,10 @@
-"""robotd in the wire process: intents, states and stops on one connection, where nothing overtakes
-anything; questions on another.
+"""The wire of a Microduck, in the wire process.
 
-A twist goes out when it was accepted, and again, 20 times a second, while gate and transport answer
-(``feed``) and its duration lasts; then a zero. Nothing else is said twice, so that robotd's own
-dead-man, 0.5 s, holds for whatever of ours stops working.
+Intents, states and stops share one connection, which keeps their order. Services use another one.
+
+A twist leaves when it is accepted. It is repeated 20 times a second while gate and transport reply (``feed``)
+and its duration lasts. Then a zero follows. Nothing else is repeated, so that robotd's own dead-man timer of
+0.5 s covers a failure of any of our processes.
 """
 
 from __future__ import annotations
@@ -34,27 +35,25 @@ from .stop import Stopping, stop_by
 from .verbs import MOVING_POWER
 
 LOOK_S = 0.5
-"""Between two looks at what the states do not tell: battery, drive mode, whether it sits."""
+"""Period of reading the values that the states lack: battery, drive mode, and whether the duck sits."""
 
 LOOKED_S = 3.0
-"""What was looked at is believed for so long."""
+"""Age up to which those values count."""
 
 TURNS_S = 2.0
-"""How long is waited until robotd sends the head where it said that it would."""
+"""Longest wait until robotd sends the head to the goal of its answer."""
 
 NEAR_RAD = 0.02
 
 QUIET_S = 0.2
-"""Nothing is said to a robot whose state has been silent for so long: it would be carried out
-late."""
+"""Nothing is sent after so long without a state, since the robot would carry it out late."""
 
 OLD_S = 0.3
-"""How long a stop is tried on the connection that counts as lost, before it goes out on a new
-one."""
+"""How long a stop is tried on the connection that counts as lost, before it uses a new one."""
 
 
 class _Walk(NamedTuple):
-    """A twist that lives."""
+    """A twist in force."""
 
     twist: tuple[float, ...]
     until_s: float
@@ -69,10 +68,10 @@ class MicroduckWire(Wire):
         self._way = Way(config)
         self._link = DuckLink(config, clock, self._way)
         self._services: Services | None = None
-        self._anew: DuckLink | None = None  # for a stop, where the link is lost
+        self._anew: DuckLink | None = None  # used for a stop when the link is lost
         self._walk: _Walk | None = None
         self._is_armed = False
-        self._told: list[float | None] = [None] * len(config.axes)  # what the robot was last told, by axis
+        self._told: list[float | None] = [None] * len(config.axes)  # last command by axis
         self._health = p.Health(True, "", math.nan, math.nan)
         self._mode = ""
         self._sitting: bool | None = None
@@ -133,7 +132,7 @@ class MicroduckWire(Wire):
                     await self._look(services)
 
     async def arm(self, permit: Permit) -> Observation:
-        """Give no torque and begin no policy: the duck is as it was found, and stands still."""
+        """Send a zero. Torque and policy keep their state, and the duck stands still."""
         permit.check()
         self._link.port.notify(p.MOVE, p.REST)
         self._is_armed = True
@@ -150,11 +149,11 @@ class MicroduckWire(Wire):
             raise WireDown(f"read: no state of robotd {silent} ({link.problem}). Check the robot")
         read, self._read = self._read, trio.Event()
         read.set()
-        told = [0.0 if value is None else value for value in self._told]
+        targets = [0.0 if value is None else value for value in self._told]
         seen_rad = state.joints_rad[p.HEAD_JOINTS] if state.joints_rad else state.head_rad
         return Observation(
             t_ns=link.stamps.new_ns,
-            position=(*state.applied, *seen_rad, *told[POSE_AT], told[OPEN]),
+            position=(*state.applied, *seen_rad, *targets[POSE_AT], targets[OPEN]),
             stamp_ns=(link.stamps.new_ns,) * len(self._config.axes),
             sensors=self._sensors(state, now_ns),
         )
@@ -198,15 +197,15 @@ class MicroduckWire(Wire):
         return self._reports(await stop_by(self._link, safe_state, pending=self._pending))
 
     async def reach(self, safe_state: SafeState) -> tuple[MotorReport, ...]:
-        """As ``make_safe``, and on a connection made for it: the old one may be dead, and nobody
-        has told."""
+        """Stop on the old connection, then on a new one. The old one may be dead without any sign of it."""
         self._disarm(safe_state)
         if self._link.is_open:
             outcome = await stop_by(self._link, safe_state, OLD_S)
             if not outcome.detail:
                 return self._reports(outcome)
         else:
-            with suppress(WireDown):  # it is closed; one that is not understood takes the stop all the same
+            # It is closed. One with unreadable answers takes the stop all the same.
+            with suppress(WireDown):
                 Stopping(self._link, safe_state).zero()
         self._anew = self._anew or DuckLink(self._config, self._clock, self._way)
         return self._reports(await stop_by(self._anew, safe_state))
@@ -221,7 +220,7 @@ class MicroduckWire(Wire):
     def _reports(self, outcome: Outcome) -> tuple[MotorReport, ...]:
         state, told = self._link.state, list(self._told)
         if told[HEAD_AT.start] is None and state is not None and state.targets_rad:
-            told[HEAD_AT] = state.targets_rad[p.HEAD_JOINTS]  # not where it sags to
+            told[HEAD_AT] = state.targets_rad[p.HEAD_JOINTS]  # the goal, and not the sagging position
         targets = ((0.0,) * len(TWIST)) + tuple(told[len(TWIST) :])
         return outcome.reports(self._config.axes, self._config.ids, targets)
 
@@ -243,7 +242,7 @@ class MicroduckWire(Wire):
             self._told[HEAD_AT] = row = tuple(done["head"].values())
             with trio.move_on_after(TURNS_S):
                 await self._link.until_state(lambda state: _is_sent(state, row))
-        await self._read.wait()  # what the gate looks at next is no older than the answer
+        await self._read.wait()  # The gate then checks a reading that is not older than the answer.
         return done
 
     def close(self) -> None:
@@ -257,7 +256,7 @@ class MicroduckWire(Wire):
         self._is_armed = False
         self._way.close()
 
-    # -- what runs beside the calls
+    # -- background tasks
 
     async def _look(self, services: Services) -> None:
         try:
@@ -268,7 +267,7 @@ class MicroduckWire(Wire):
         except WireDown as down:
             if not services.port.is_open or not self._looked_ns:
                 raise
-            self._link.problem = str(down)  # the states say whether the robot is there
+            self._link.problem = str(down)  # The states show whether the robot is there.
             return
         self._mode, self._sitting = policies.mode, policies.sitting
         self._looked_ns = self._clock.now_ns()
@@ -310,6 +309,6 @@ class MicroduckWire(Wire):
 
 
 def _is_sent(state: p.State, head_rad: tuple[float, ...]) -> bool:
-    """Whether the head is being sent there; true where that is not told."""
+    """Return True if robotd sends the head there, or does not report its goals."""
     sent = state.targets_rad[p.HEAD_JOINTS]
     return all(abs(here - there) <= NEAR_RAD for here, there in zip(sent, head_rad, strict=False))

@@ -1,4 +1,4 @@
-"""What the wire and the stop channel of a Spot know of it."""
+"""The configuration that the wire and the stop channel of a Spot share."""
 
 from __future__ import annotations
 
@@ -20,15 +20,15 @@ from .protocol import PORT
 INSTALL = "Install it: pip install 'strands-actors[spot]'"
 USERNAME, PASSWORD = "BOSDYN_CLIENT_USERNAME", "BOSDYN_CLIENT_PASSWORD"
 TWIN_LOGIN = "twin", "twin"
-"""A twin takes any login but ``wrong``."""
+"""The default login at a twin, which accepts any password but ``wrong``."""
 
 SAFE_S = 8.0
-"""Longest that making it safe may take: it sits, or its e-stop is asserted; and for the stop channel
-the start of a process and two answers."""
+"""Longest duration of ``make_safe``: the robot sits, or its e-stop is asserted. For the stop channel it
+includes the start of a process and two answers."""
 
 LATE_S = 0.5
-"""So long after a power command or a stand was sent the robot reports what becomes of it [assumed]. What
-comes later is refused: its lease is older than that of a stop, or its e-stop is asserted."""
+"""Time after which the robot reports the effect of a power command or a stand [assumed]. A later one is
+refused: its lease is older than that of a stop, or the e-stop is asserted."""
 
 _CA = "?ca="
 
@@ -37,11 +37,11 @@ class Address(NamedTuple):
     host: str
     port: int
     ca: str
-    """Path of the certificates to believe; empty: the vendor's."""
+    """Path of the trusted certificates; empty for the vendor's."""
 
 
 def parse_port(port: str) -> Address:
-    """``HOST[:PORT][?ca=PATH]``. Raise ``ValueError`` with what would be accepted."""
+    """Parse ``HOST[:PORT][?ca=PATH]``. Raise ``ValueError`` that names the accepted form."""
     where, found, path = port.partition(_CA)
     if found and not path:
         raise ValueError(f"port is {port!r}. Behind ?ca= give the path of a file of certificates")
@@ -49,9 +49,13 @@ def parse_port(port: str) -> Address:
 
 
 def vendor_certificate() -> str:
-    """Return the path of the certificate that every Spot's is signed with. It comes with the
-    vendor's client, which is not imported for it. Raise ``WireDown`` with the line that installs
-    it."""
+    """Return the path of the certificate with which every Spot's is signed.
+
+    The file comes with the vendor's client, which is not imported for it.
+
+    Raises:
+        WireDown: The client is not installed. The text has the command that installs it.
+    """
     try:
         client = importlib.util.find_spec("bosdyn.client")
     except ImportError:
@@ -69,17 +73,17 @@ class SpotConfig(msgspec.Struct, frozen=True):
     estop_timeout_s: float
     arm_speed_rad_s: float
     silent_s: float = 1.0
-    """Without an answer for so long the link counts as lost."""
+    """The link counts as lost after so long without an answer."""
 
     def address(self) -> Address:
-        """Raise ``WireDown`` for a port that is none."""
+        """Return the parsed port. Raise ``WireDown`` if it is invalid."""
         try:
             return parse_port(self.port)
         except ValueError as error:
             raise WireDown(f"{self.robot}: {error}") from None
 
     def tls(self) -> ssl.SSLContext:
-        """Return what a connection is checked with. Raise ``WireDown``."""
+        """Return the TLS context of a connection. Raise ``WireDown`` without certificates."""
         path = self.address().ca or vendor_certificate()
         context = ssl.SSLContext(ssl.PROTOCOL_TLS_CLIENT)
         context.set_alpn_protocols(["h2"])
@@ -90,7 +94,7 @@ class SpotConfig(msgspec.Struct, frozen=True):
         return context
 
     def login(self, environment: Mapping[str, str] = os.environ) -> tuple[str, str]:
-        """Return user and password. Raise ``WireDown`` when they are not there."""
+        """Return user and password. Raise ``WireDown`` if they are not set."""
         user, password = environment.get(USERNAME, ""), environment.get(PASSWORD, "")
         if user and password:
             return user, password

@@ -1,12 +1,12 @@
-"""Boston Dynamics Spot, on gRPC over TLS.
+"""Declare Boston Dynamics' Spot, on gRPC over TLS.
 
-Connecting moves nothing, and neither does ``resume()``: it takes the lease of the body and sets up
-an e-stop endpoint of our own. ``stand()`` powers the motors and stands up. Every twist ends by
-itself 0.6 s later, on the robot's clock.
+Neither connecting nor ``resume()`` moves the robot. ``resume()`` takes the lease of the body and sets up
+our own e-stop endpoint. ``stand()`` powers the motors and stands up. Every twist ends by itself 0.6 s
+after it was sent, on the robot's clock.
 
-``hold``    it stands where it is, motors on: what expired, a lost lease, ``stop()``
-``settle``  it sits down, motors off: whatever ended a process of ours, ``cleanup()``, an e-stop
-``off``     motors cut at once: an e-stop, where ``on_estop="cut"``
+``hold``    the robot stands still, motors on: after an expired setpoint, a lost lease, ``stop()``
+``settle``  it sits down, motors off: after the end of one of our processes, ``cleanup()``, an e-stop
+``off``     motors cut at once: after an e-stop with ``on_estop="cut"``
 """
 
 from __future__ import annotations
@@ -30,10 +30,10 @@ from .protocol import TWIST_S
 from .robots import BASE, DRIVES, KEYS, LEG_SENSORS, TABLES, parts_of
 
 STREAM_TTL_S = 0.3
-"""Lifetime of a setpoint of a stream: three periods."""
+"""Lifetime of a streamed setpoint: three periods."""
 
 STAND_S = 40.0
-"""Powering on takes 20 s at most, standing up 10."""
+"""Longest duration of ``stand``. Powering on takes 20 s at most, standing up 10."""
 
 
 class SpotOptions(DriverOptions, frozen=True):
@@ -111,8 +111,8 @@ class Spot(Driver):
     config: SpotConfig
     unit = "radians; base: m/s and rad/s"
     bound_s = 0.2
-    """From a death to the safe frame: the root asks the robot for its e-stop configuration and for a
-    challenge, and then stops it."""
+    """From a death to the safe frame. The root asks the robot for its e-stop configuration and for a
+    challenge before it stops it."""
 
     @classmethod
     def resolve(cls, robot: str, options: Mapping[str, Any]) -> dict[str, Any]:
@@ -126,7 +126,8 @@ class Spot(Driver):
         self.config = SpotConfig(self.robot, port, self.table, read.estop_timeout_s, float(table["arm_rad_s"]))
         self.timing = Timing(
             control_hz=read.control_frequency,
-            keepalive_s=3600.0,  # nothing is sent twice: the robot keeps what it was told until that ends
+            # Nothing is sent twice, since the robot keeps a command until its end.
+            keepalive_s=3600.0,
             stream_ttl_s=max(STREAM_TTL_S, 1.5 / read.control_frequency),
             state_ttl_s=0.8,
             arm_s=6.0,
@@ -153,12 +154,12 @@ class Spot(Driver):
         parse_port(self.config.port)
 
     def parse(self, action: Mapping[str, float], state: GateState) -> Candidate | Refused:
-        """Return the whole target; behind it which parts of the robot are told anything."""
+        """Return the whole target, with the flags of the parts that get a command behind it."""
         refused = refuse_leg(action)
         if refused is not None:
             return refused
         target = state.target[: len(KEYS)]
-        at = GateState(
+        base = GateState(
             state.now_ns,
             state.observation,
             target,
@@ -167,7 +168,7 @@ class Spot(Driver):
             state.period_s,
             state.live,
         )
-        parsed = parse_twist(action, self.robot, self.table, self._index, at)
+        parsed = parse_twist(action, self.robot, self.table, self._index, base)
         return parsed if isinstance(parsed, Refused) else with_parts(parsed, state)
 
     def check_service(self, service: str, arguments: Mapping[str, Any]) -> Refused | None:
@@ -177,15 +178,15 @@ class Spot(Driver):
         return refuse_twist(arguments, self.table)
 
     def as_json(self, values: Sequence[float]) -> dict[str, float]:
-        """Return a row by key, without what this robot has not: an arm."""
+        """Return a row by key, without the values that this robot lacks (an arm)."""
         row = dict(zip(self.axes, values, strict=False))
         return {key: value for key, value in row.items() if value == value}
 
     def commanded(self, action: Mapping[str, Any], values: Sequence[float]) -> dict[str, Any]:
         target = self.as_json(values)
         named = {str(key).removesuffix(".pos") for key in action}
-        told: dict[str, Any] = {"robot": self.robot}
-        told["joints"] = {key: value for key, value in target.items() if key in named and key not in BASE}
+        shown: dict[str, Any] = {"robot": self.robot}
+        shown["joints"] = {key: value for key, value in target.items() if key in named and key not in BASE}
         if values[DRIVES]:
-            told["twist"] = {key: target[key] for key in BASE}
-        return told
+            shown["twist"] = {key: target[key] for key in BASE}
+        return shown

@@ -1,4 +1,4 @@
-"""What a Spot refuses, from what it reports. Pure."""
+"""Refuse commands to a Spot by the robot's own reports. Pure: no I/O."""
 
 from __future__ import annotations
 
@@ -23,12 +23,14 @@ LEASE, ESTOP, COMMAND, BEHAVIOUR = "lease", "estop", "command", "behaviour"
 """Keys of ``Observation.faults``."""
 
 
-# -- conditions: what must be true of it, whatever it is told
+# -- conditions of the robot, independent of a command
 
 
 def conditions_of() -> tuple[Condition, ...]:
-    """Return them in the order in which they are asked. Whoever takes the lease has the robot: it
-    is left standing for him."""
+    """Return the conditions in the order in which they are checked.
+
+    A client that takes the lease controls the robot, so a lost lease leaves it standing for that client.
+    """
     return (
         Condition(_lease, Reason.FAULT, SafeState.HOLD, on_resume=OnResume.ARM_ANEW),
         Condition(_estop_of_ours, Reason.FAULT, SafeState.SETTLE, always=True, on_resume=OnResume.ARM_ANEW),
@@ -66,7 +68,7 @@ def _motors(observation: Observation, now_ns: int) -> Refused | None:
     return Refused(Code.MOTORS_OFF, f"its motors are {state}", "call stand() first", state, "on")
 
 
-# -- gates: of one command
+# -- gates: checks of one command
 
 
 def gates_of(axes: Sequence[Axis], state_ttl_s: float) -> tuple[GateCheck, ...]:
@@ -74,23 +76,23 @@ def gates_of(axes: Sequence[Axis], state_ttl_s: float) -> tuple[GateCheck, ...]:
 
 
 def _told(check: GateCheck) -> GateCheck:
-    """Return a gate that looks at what the robot is told, and at no part that it is not."""
+    """Return a gate that checks only the values that the action names. All others count as 0."""
 
-    def told(candidate: Candidate, state: GateState) -> Refused | None:
+    def check_named(candidate: Candidate, state: GateState) -> Refused | None:
         values = tuple(
-            value if at in candidate.named else 0.0 for at, value in enumerate(candidate.values[: len(KEYS)])
+            value if index in candidate.named else 0.0 for index, value in enumerate(candidate.values[: len(KEYS)])
         )
         return check(Candidate(values, candidate.named), state)
 
-    return told
+    return check_named
 
 
 def _whole_arm(candidate: Candidate, state: GateState) -> Refused | None:
-    """Refuse to move an arm of which a joint has no target to keep, since it was missing in the
-    reading with which the robot was armed: its six joints are told at once."""
+    """Refuse to move an arm with a joint that has no target to keep, because it was missing in the reading
+    with which the robot was armed. The six joints are commanded together."""
     if not candidate.values[MOVES_ARM]:
         return None
-    unknown = [key for at, key in enumerate(KEYS) if key in ARM and math.isnan(candidate.values[at])]
+    unknown = [key for index, key in enumerate(KEYS) if key in ARM and math.isnan(candidate.values[index])]
     if not unknown:
         return None
     shown = ", ".join(unknown)
@@ -104,7 +106,7 @@ def _whole_arm(candidate: Candidate, state: GateState) -> Refused | None:
 
 
 def _has_part(candidate: Candidate, state: GateState) -> Refused | None:
-    """Refuse joints of an arm that this robot has not. ``stale`` would call them silent."""
+    """Refuse joints of an arm that this robot lacks. ``stale`` would call them silent."""
     absent = [KEYS[at] for at in candidate.named if _is_absent(at, state.observation)]
     if not absent:
         return None
@@ -115,12 +117,12 @@ def _has_part(candidate: Candidate, state: GateState) -> Refused | None:
 
 
 def _is_absent(at: int, observation: Observation) -> bool:
-    """Whether the robot reports, and this joint is never among it."""
+    """Return True if the robot reports, but has never reported this joint."""
     return bool(observation.sensors) and math.isnan(observation.position[at]) and not observation.stamp_ns[at]
 
 
 def refuse_leg(action: Mapping[str, object]) -> Refused | None:
-    """Refuse to move a leg, which only the robot's own controller does."""
+    """Refuse to move a leg. Only the robot's own controller moves legs."""
     for key in action:
         if isinstance(key, str) and key.removesuffix(".pos") in LEGS:
             why = f"{key}: legs belong to the locomotion controller"
@@ -129,9 +131,11 @@ def refuse_leg(action: Mapping[str, object]) -> Refused | None:
 
 
 def with_parts(candidate: Candidate, state: GateState) -> Candidate:
-    """Return the target with what follows from the names: which parts of the robot are told
-    anything. A twist has an end; the arm holds what it was told. A joint that was never read has no
-    target, and none is made up for it: in a later command it would be told that one."""
+    """Return the target with its flags, which name the parts of the robot that get a command.
+
+    A twist gets an end. The arm keeps its last target. A joint that was never read has no target, and
+    none is invented, since a later command would send it.
+    """
     named = {KEYS[at] for at in candidate.named}
     speeds = candidate.values[: len(BASE)]
     drives = bool(named & set(BASE)) or any(speeds)
@@ -147,7 +151,7 @@ def with_parts(candidate: Candidate, state: GateState) -> Candidate:
 
 
 def refuse_twist(arguments: Mapping[str, Any], axes: Sequence[Axis]) -> Refused | None:
-    """Refuse a ``set_twist`` that is no finite number, or past a limit."""
+    """Refuse a ``set_twist`` with a value that is no finite number or exceeds a limit."""
     speeds: list[float] = []
     for axis in axes[: len(BASE)]:
         value = finite(arguments.get(axis.key, 0.0))

@@ -1,10 +1,10 @@
-"""The messages of Spot's services that are used here, as tables: field to number and kind.
+"""The messages of Spot's services that this driver uses, as tables: field to number and kind. Pure: no I/O.
 
-A message is a plain ``dict`` of the fields that are set; what is not in the tables is left out when
-it is read. Pure. Source: the protobuf descriptors of Boston Dynamics' published API, version 5.2.
+A message is a plain ``dict`` of the fields that are set. Decoding skips fields that the tables lack.
+Source: the protobuf descriptors of Boston Dynamics' published API, version 5.2.
 
-Kinds: ``int`` signed, ``uint``, ``bool``, ``double``, ``text``, or the name of a message; ``*``
-behind it: repeated.
+Kinds: ``int`` (signed), ``uint``, ``bool``, ``double``, ``text``, or the name of a message. ``*`` after a
+kind means repeated.
 """
 
 from __future__ import annotations
@@ -154,7 +154,7 @@ TABLES: Mapping[str, str] = {
 
 
 class Field:
-    """One field of a table. ``kind`` without the star."""
+    """One field of a table. ``kind`` is stored without the star."""
 
     __slots__ = ("kind", "number", "repeated")
 
@@ -177,8 +177,7 @@ def _by_number(name: str) -> Mapping[int, tuple[str, Field]]:
 
 
 def encode(name: str, message: Mapping[str, Any]) -> bytes:
-    """Return the bytes of a message. Raise ``KeyError`` for a field that its table does not
-    have."""
+    """Return the bytes of a message. Raise ``KeyError`` for a field that its table lacks."""
     fields = table(name)
     data = b""
     for key, value in message.items():
@@ -203,16 +202,16 @@ def _encode_field(field: Field, value: Any) -> bytes:
 
 def decode(name: str, data: bytes) -> Message:
     """Return the fields that are set. Raise ``MalformedFrame``."""
-    known, told = _by_number(name), Message()
+    fields, message = _by_number(name), Message()
     for number, kind, value in pb.fields(data):
-        if number not in known:
+        if number not in fields:
             continue
-        key, field = known[number]
+        key, field = fields[number]
         if field.repeated:
-            told.setdefault(key, []).extend(_several(field, kind, value))
+            message.setdefault(key, []).extend(_several(field, kind, value))
         else:
-            told[key] = _one(field, kind, value)
-    return told
+            message[key] = _one(field, kind, value)
+    return message
 
 
 def _several(field: Field, kind: int, value: pb.Value) -> Sequence[Any]:

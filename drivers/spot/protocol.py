@@ -1,6 +1,6 @@
-"""What is said to a Spot, and what it says. Pure: no clock, no socket.
+"""Encode requests to a Spot and decode its replies. Pure: no clock, no socket.
 
-Numbers of statuses and levels: the published API, version 5.2.
+Numbers of statuses and levels come from the published API, version 5.2.
 """
 
 from __future__ import annotations
@@ -19,14 +19,14 @@ PORT = 443
 NS = 1_000_000_000
 
 TWIST_S = 0.6
-"""Every twist ends so long after it was sent, on the robot's clock, whatever becomes of us."""
+"""Every twist ends so long after it was sent, on the robot's clock, even if all our processes die."""
 
 OK = 1
-"""Of most statuses."""
+"""The status of success in most replies."""
 
 LEASE_RESOURCE = "body"
 ESTOP_ROLE = "PDB_rooted"
-"""The role that every configuration must have."""
+"""The role that every e-stop configuration must contain."""
 
 BODY_FRAME, ODOM_FRAME = "body", "odom"
 MOBILITY_PARAMS = "type.googleapis.com/bosdyn.api.spot.MobilityParams"
@@ -36,7 +36,7 @@ UINT64 = (1 << 64) - 1
 
 
 class Method(NamedTuple):
-    """One call. ``service``: its name in the directory."""
+    """One method. ``service`` is the service's name in the directory."""
 
     name: str
     service: str
@@ -46,14 +46,15 @@ class Method(NamedTuple):
 
 
 def _methods(service: str, kind: str, *names: str) -> dict[str, Method]:
-    """``name`` or ``name:message``, where its messages are not called as it is."""
-    told = {}
+    """Return the methods of a service. A name is ``name``, or ``name:message`` if its messages have another
+    name."""
+    methods = {}
     for row in names:
         name, _, message = row.partition(":")
         message = message or name
         path = f"/bosdyn.api.{kind}/{name}"
-        told[name] = Method(name, service, path, f"{message}Request", f"{message}Response")
-    return told
+        methods[name] = Method(name, service, path, f"{message}Request", f"{message}Response")
+    return methods
 
 
 SERVICES: Mapping[str, str] = {
@@ -67,7 +68,7 @@ SERVICES: Mapping[str, str] = {
     "robot-state": "RobotStateService",
     "robot-command": "RobotCommandService",
 }
-"""Name in the directory, and type."""
+"""Type of each service, by its name in the directory."""
 
 METHODS: Mapping[str, Method] = {
     **_methods("auth", SERVICES["auth"], "GetAuthToken"),
@@ -97,7 +98,7 @@ AUTHORITIES: Mapping[str, str] = {
     "robot-id": "id.spot.robot",
     "directory": "api.spot.robot",
 }
-"""Of the services that are known before the directory was read."""
+"""Authorities of the services that are used before the directory was read."""
 
 
 class StopLevel(enum.IntEnum):
@@ -169,7 +170,7 @@ class LeaseUse(enum.IntEnum):
 
 
 LEASE_CLAIMED = 2
-"""Status of an acquisition: somebody else has it."""
+"""Status of an acquisition: another client has the lease."""
 
 LOGIN_STATUS = {2: "user or password is wrong", 3: "the token is not valid", 4: "too many attempts, wait a while"}
 
@@ -181,16 +182,16 @@ def request(method: Method, body: Mapping[str, object], client: str, wall_ns: in
 
 
 def reply(method: Method, data: bytes) -> Message:
-    """Return a reply whose header says that all is well. Raise ``MalformedFrame``."""
-    told = decode(method.reply, data)
-    error = told.get("header", {}).get("error", {})
+    """Return a reply. Raise ``MalformedFrame`` if its header reports an error."""
+    message = decode(method.reply, data)
+    error = message.get("header", {}).get("error", {})
     if error.get("code") != OK:
         raise MalformedFrame(f"{method.name}: error {error.get('code', 0)} {error.get('message', '')}".rstrip())
-    return told
+    return message
 
 
 def name_of(kind: type[enum.IntEnum], number: int) -> str:
-    """Return a status as people read it."""
+    """Return a readable name of a status."""
     try:
         return kind(number).name.lower().replace("_", " ")
     except ValueError:
@@ -218,8 +219,8 @@ def stamp_ns(message: Mapping[str, int]) -> int:
 
 
 def newer_lease(lease: Message, count: int) -> Message:
-    """Return the lease for the ``count``-th use. The robot refuses a use that is older than the
-    newest it has seen: a command that comes late, behind a stop, is refused."""
+    """Return the lease for its ``count``-th use. The robot refuses a use that is older than the newest one
+    it has seen, and thereby a command that arrives late, after a stop."""
     return {**lease, "sequence": [*lease.get("sequence", []), count]}
 
 
@@ -227,7 +228,7 @@ def newer_lease(lease: Message, count: int) -> Message:
 
 
 def twist(speeds: Sequence[float], end_ns: int) -> Message:
-    """``end_ns``: on the robot's clock."""
+    """Return a walk that ends at ``end_ns`` on the robot's clock."""
     vx, vy, wz = speeds
     velocity = {
         "end_time": stamp(end_ns),
@@ -253,7 +254,7 @@ def claw(position_rad: float) -> Message:
 
 
 def together(*parts: Message) -> Message:
-    """Return one command of several parts of the body."""
+    """Return one command for several parts of the body."""
     return {"synchronized_command": {key: value for part in parts for key, value in part.items()}}
 
 
@@ -269,26 +270,29 @@ def _params() -> Message:
 
 
 def challenge_response(challenge: int) -> int:
-    """Return what proves that a challenge was heard: its one's complement."""
+    """Return the proof that a challenge was received: its one's complement."""
     return challenge ^ UINT64
 
 
 def endpoint_of(told: Message, name: str) -> Message:
-    """Return the endpoint of this name in a ``GetEstopConfig``'s answer; empty: it is another's.
-    Raise ``MalformedFrame`` when it tells no configuration: ours may be in force."""
+    """Return the endpoint of this name in an answer to ``GetEstopConfig``; empty if it has none.
+
+    Raises:
+        MalformedFrame: The answer has no configuration, so ours may still be in force.
+    """
     if "active_config" not in told:
         raise MalformedFrame("GetEstopConfig: no configuration in its answer")
     return next((one for one in told["active_config"].get("endpoints", ()) if one.get("name") == name), {})
 
 
 def body_owner(told: Message) -> str:
-    """Return who has the lease of the body, from a ``ListLeases``'s answer; empty: nobody."""
+    """Return the owner of the body's lease from an answer to ``ListLeases``; empty if there is no owner."""
     body: Message = next((one for one in told.get("resources", ()) if one.get("resource") == LEASE_RESOURCE), {})
     owner: str = body.get("lease_owner", {}).get("client_name", "")
     return owner
 
 
-# -- what it reports
+# -- the robot's state
 
 
 Vector = tuple[float, float, float]
@@ -297,8 +301,8 @@ Quaternion = tuple[float, float, float, float]
 
 
 class Reading(NamedTuple):
-    """``joints``: wire name to position and velocity; NaN for what is not told: a zero is.
-    ``pressed``: e-stops that are."""
+    """The robot's state. ``joints`` maps a wire name to position and velocity, NaN for a missing value (a
+    zero is reported as such). ``pressed`` names the e-stops that are pressed."""
 
     motors: Motors
     pressed: tuple[str, ...]
@@ -306,14 +310,14 @@ class Reading(NamedTuple):
     battery_pct: float
     battery_v: float
     twist: Vector
-    """Of the body, in its own frame."""
+    """Of the body, in its own frame: m/s and rad/s."""
     xyz_m: Vector
     quaternion: Quaternion
-    """Of the body in odometry's frame."""
+    """Of the body, in the frame of odometry."""
     faults: tuple[int, ...]
     """Ids of behaviour faults."""
     stamp_ns: int
-    """When it was so, on the robot's clock."""
+    """Time of the state, on the robot's clock."""
 
     @property
     def rpy_rad(self) -> Vector:
@@ -321,14 +325,14 @@ class Reading(NamedTuple):
 
     @property
     def speed(self) -> float:
-        """Of the body: m/s and rad/s, the larger."""
+        """Return the speed of the body, the larger one of m/s and rad/s."""
         vx, vy, wz = self.twist
         return max(math.hypot(vx, vy), abs(wz))
 
 
 def reading(told: Message) -> Reading:
-    """Return what a ``GetRobotState`` says. Raise ``MalformedFrame`` when what must be there is
-    not."""
+    """Return the content of an answer to ``GetRobotState``. Raise ``MalformedFrame`` if a required field is
+    missing."""
     state = told.get("robot_state", {})
     motion = state.get("kinematic_state", {})
     battery: Message = next(iter(state.get("battery_states", ())), {})
@@ -355,8 +359,8 @@ def reading(told: Message) -> Reading:
 
 
 def _number(message: Message, key: str) -> float:
-    """Return a wrapped number; one that is not finite is none. A zero is an empty wrapper: one that
-    is missing says nothing."""
+    """Return a wrapped number; NaN if it is missing or not finite. A zero arrives as an empty wrapper, so a
+    missing wrapper is an unknown value."""
     if key not in message:
         return math.nan
     value = float(message[key].get("value", 0.0))
@@ -369,7 +373,8 @@ def _vector(message: Message) -> Vector:
 
 
 def _body_in_odom(motion: Message) -> tuple[Vector, Quaternion]:
-    """The tree has its root in the body: odometry's frame is told as seen from there."""
+    """Return position and rotation of the body in the frame of odometry. The robot's tree has its root in
+    the body, so it reports the inverse."""
     edges = {
         one.get("key", ""): one.get("value", {}) for one in motion.get("transforms_snapshot", {}).get("edges", ())
     }
@@ -386,8 +391,8 @@ def _body_in_odom(motion: Message) -> tuple[Vector, Quaternion]:
 
 
 def _body_twist(velocity: Message | None, quaternion: Quaternion) -> Vector:
-    """Speeds are told in odometry's frame: turn them into the body's. A robot that does not tell
-    them is not known to stand."""
+    """Turn a velocity from the frame of odometry into that of the body. Without one the result is NaN, so
+    the robot is not known to stand still."""
     if velocity is None:
         return math.nan, math.nan, math.nan
     linear, angular = _vector(velocity.get("linear", {})), _vector(velocity.get("angular", {}))
@@ -397,7 +402,7 @@ def _body_twist(velocity: Message | None, quaternion: Quaternion) -> Vector:
 
 
 def rotated(quaternion: Quaternion, vector: Vector) -> Vector:
-    """Return a vector turned by a unit quaternion (w, x, y, z)."""
+    """Return a vector rotated by a unit quaternion (w, x, y, z)."""
     w, *axis = quaternion
     a, b, c = axis
     x, y, z = vector

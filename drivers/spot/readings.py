@@ -1,4 +1,4 @@
-"""What is made of a Spot's reading: an observation, and where it stands. Pure."""
+"""Make an observation from a Spot's reading, and judge whether the robot stands still. Pure: no I/O."""
 
 from __future__ import annotations
 
@@ -14,15 +14,15 @@ from .robots import ARM, BASE, CLAW, LEG_SENSORS, LEGS, wire_name
 Targets = tuple[float | None, ...]
 
 STILL = 0.05
-"""m/s and rad/s: below, it stands [assumed]."""
+"""Speed below which the robot stands still, m/s and rad/s [assumed]."""
 
 _JOINTS = (*ARM, CLAW)
 _NOT_THERE = (math.nan, 0.0)
 
 
 def sensors_of(reading: Reading) -> dict[str, tuple[float, ...]]:
-    """Return what is read beside the axes, by name, unit in the name."""
-    told = {
+    """Return the values beside the axes, by names that end with the unit."""
+    values = {
         "xyz_m": reading.xyz_m,
         "rpy_rad": reading.rpy_rad,
         "quaternion_wxyz": reading.quaternion,
@@ -34,11 +34,11 @@ def sensors_of(reading: Reading) -> dict[str, tuple[float, ...]]:
         "estopped": (float(len(reading.pressed)),),
     }
     legs = [(key, reading.joints.get(wire_name(key))) for key in LEGS]
-    return {**told, **{LEG_SENSORS[key]: (joint[0],) for key, joint in legs if joint is not None}}
+    return {**values, **{LEG_SENSORS[key]: (joint[0],) for key, joint in legs if joint is not None}}
 
 
 def observe(reading: Reading, stamp_ns: int, faults: Mapping[str, str]) -> Observation:
-    """Return a reading in the words of the contract. ``stamp_ns``: when it was new."""
+    """Return the observation for a reading. ``stamp_ns`` is the time at which it was new."""
     known = [reading.joints.get(wire_name(key), _NOT_THERE) for key in _JOINTS]
     position = (*reading.twist, *(angle for angle, _ in known))
     behaviour = {BEHAVIOUR: f"{len(reading.faults)} faults"} if reading.faults else {}
@@ -53,14 +53,14 @@ def observe(reading: Reading, stamp_ns: int, faults: Mapping[str, str]) -> Obser
 
 
 def held_at(reading: Reading) -> Targets:
-    """Return where a robot that stands still is held, by axis: its base at rest, its arm where it
-    was read; None for a joint that was not."""
+    """Return where a standing robot is held, by axis: the base at rest, each arm joint at its reading.
+    None for a joint without one."""
     angles = (reading.joints.get(wire_name(key), _NOT_THERE)[0] for key in _JOINTS)
     return (*(0.0 for _ in BASE), *(None if math.isnan(angle) else angle for angle in angles))
 
 
 def why_moving(reading: Reading) -> str:
-    """Return why it is not known to stand still; empty: it is."""
+    """Return why the robot is not known to stand still; empty if it does."""
     if reading.motors is Motors.OFF:
         return ""
     if not reading.speed <= STILL:
@@ -72,7 +72,7 @@ def why_moving(reading: Reading) -> str:
 
 
 def _arm_speed(reading: Reading) -> float:
-    """Return how fast the quickest joint of arm and claw turns, rad/s; NaN: one does not say. A
-    joint that this robot has not is at rest."""
+    """Return the speed of the fastest joint of arm and claw, rad/s; NaN if a joint does not report its
+    speed. A joint that this robot lacks is at rest."""
     speeds = [abs(reading.joints.get(wire_name(key), _NOT_THERE)[1]) for key in _JOINTS]
     return math.nan if any(map(math.isnan, speeds)) else max(speeds)

@@ -1,4 +1,4 @@
-"""The robots of this wire, as data, and the names of their joints here and on the wire."""
+"""The robots of this wire as data, and the names of their joints here and on the wire."""
 
 from __future__ import annotations
 
@@ -16,20 +16,19 @@ CLAW = "arm_f1x"
 KEYS = (*BASE, *ARM, CLAW)
 LEGS = tuple(f"{leg}_{joint}" for leg in ("fl", "fr", "hl", "hr") for joint in ("hx", "hy", "kn"))
 LEG_SENSORS = {key: f"{key}_rad" for key in LEGS}
-"""Read only: the robot's own controller walks."""
+"""Sensors of the legs. They are read only: the robot's own controller walks."""
 
 DRIVES, MOVES_ARM, MOVES_CLAW = len(KEYS), len(KEYS) + 1, len(KEYS) + 2
-"""Behind the axes, in a setpoint: which parts of the robot are told anything."""
+"""Indices of the flags behind the axes of a setpoint. A flag is 1 if its part gets a command."""
 
 
 def wire_name(key: str) -> str:
-    """Return what a joint is called on the wire: ``arm_sh0`` is ``arm0.sh0``, ``fl_hx`` is
-    ``fl.hx``."""
+    """Return the name of a joint on the wire: ``arm0.sh0`` for ``arm_sh0``, ``fl.hx`` for ``fl_hx``."""
     return key.replace("arm_", "arm0.").replace("_", ".")
 
 
 def parts_of(table: Mapping[str, Any]) -> tuple[Part, ...]:
-    """Return base, arm and claw."""
+    """Return the parts base, arm and claw."""
     speeds = {"vx": table["vx_m_s"], "vy": table["vy_m_s"], "wz": table["wz_rad_s"]}
     base = tuple(
         Axis(

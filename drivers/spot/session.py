@@ -1,6 +1,6 @@
 """A login at a Spot: one connection for each authority, a token, and calls with a deadline each.
 
-Nothing here repeats anything, or keeps anything alive.
+This module repeats nothing by itself, and keeps nothing alive.
 """
 
 from __future__ import annotations
@@ -25,31 +25,31 @@ from .config import SpotConfig
 from .messages import Message
 
 CONNECT_S = 1.0
-"""Within which a connection stands, TLS and HTTP/2 included."""
+"""Longest time to connect, TLS and HTTP/2 included."""
 ANSWER_S = 0.3
-"""Within which a call is answered, where nobody says otherwise. The vendor's client waits 30 s."""
+"""Longest time for an answer, by default. The vendor's client waits 30 s."""
 LOGIN_S = 2.0
-"""Within which a login is answered."""
+"""Longest time for the answer to a login."""
 RENEW_S = 3600.0
-"""A token is renewed when it is as old; it is good for 12 h."""
+"""Age at which a token is renewed. It is valid for 12 h."""
 RENEW_AGAIN_S = 60.0
-"""Between two attempts at it."""
+"""Pause between two attempts to renew it."""
 TOKEN_S = 11 * 3600.0
-"""One that is as old, and could not be renewed, is not relied on any more."""
+"""Age at which a token that could not be renewed ends the session."""
 
 
 class NoAnswer(WireDown):
-    """The robot has not answered in time. What it was told it may still do."""
+    """The robot has not answered in time. It may still carry out the request."""
 
 
 class OpenStream(Protocol):
-    """How a connection of bytes is made. Raises ``WireDown``."""
+    """A function that opens a stream of bytes to an authority. Raises ``WireDown``."""
 
     async def __call__(self, authority: str, /) -> Stream: ...
 
 
 class Asked:
-    """A question that was sent."""
+    """A request that was sent."""
 
     def __init__(self, method: p.Method, call: Call, connection: Connection) -> None:
         self.method = method
@@ -58,7 +58,14 @@ class Asked:
 
 
 class SpotSession:
-    """``open_stream``: for tests; default TLS to the address of ``config``."""
+    """A session with the robot.
+
+    Args:
+        config: Address and login.
+        clock: The clock of this process.
+        open_stream: Opens a connection. Only tests give it; the default is TLS to the address of
+            ``config``.
+    """
 
     def __init__(self, config: SpotConfig, clock: Clock, open_stream: OpenStream | None = None) -> None:
         self._config = config
@@ -70,18 +77,17 @@ class SpotSession:
         self._began_ns = clock.now_ns()
         self._epoch_ns = time.time_ns() - self._began_ns
         self.client = own_name()
-        """The name under which the robot knows us: a lease or an e-stop endpoint of this name is
-        ours."""
+        """Our client name at the robot. A lease or an e-stop endpoint with this name is ours."""
         self._token_ns = self._tried_ns = 0
 
     def host_ns(self) -> int:
-        """Return the host's time, as the robot is told it: from its own beginning on it runs
-        evenly, whoever sets the host's clock."""
+        """Return the host's time as the robot gets it. From the start of this session it runs evenly, even
+        when the host's clock is set."""
         return self._epoch_ns + self._clock.now_ns()
 
     async def open(self, services: Sequence[str]) -> None:
-        """Log in, read the directory, and connect to these services, so that none waits for a
-        connection later. Raise ``WireDown``."""
+        """Log in, read the directory, and connect to these services, so that no later call waits for
+        a connection. Raise ``WireDown``."""
         await self.log_in()
         listed = await self.call("ListServiceEntries", {}, CONNECT_S)
         for entry in listed.get("service_entries", ()):
@@ -91,23 +97,23 @@ class SpotSession:
             await self._connect(self._authority(service))
 
     async def log_in(self) -> None:
-        """Get a token. Raise ``WireDown``."""
+        """Get a token. Raise ``WireDown`` if the login fails."""
         self._tried_ns = self._clock.now_ns()
         user, password = self._config.login()
         try:
-            told = await self.call("GetAuthToken", {"username": user, "password": password}, LOGIN_S)
+            answer = await self.call("GetAuthToken", {"username": user, "password": password}, LOGIN_S)
         finally:
             self._leave(p.AUTHORITIES["auth"])
-        status = told.get("status", 0)
-        if status != p.OK or not told.get("token"):
+        status = answer.get("status", 0)
+        if status != p.OK or not answer.get("token"):
             why = p.LOGIN_STATUS.get(status, f"status {status}")
             raise WireDown(f"login: {why}. Check BOSDYN_CLIENT_USERNAME and BOSDYN_CLIENT_PASSWORD")
-        self._token = told["token"]
+        self._token = answer["token"]
         self._token_ns = self._clock.now_ns()
 
     async def renew(self) -> None:
-        """Get a new token when that is due. It may take as long as a login, and need not succeed at
-        once: the old one is good for hours. Raise ``WireDown`` when it runs out."""
+        """Get a new token if that is due. This may take as long as a login. It may fail for a while, since
+        the old token is valid for hours. Raise ``WireDown`` when the token is too old."""
         now_ns = self._clock.now_ns()
         age_s, since_s = (now_ns - self._token_ns) / NS, (now_ns - self._tried_ns) / NS
         if age_s < RENEW_S or since_s < RENEW_AGAIN_S:
@@ -119,19 +125,31 @@ class SpotSession:
                 raise
 
     async def call(self, name: str, body: Mapping[str, object], within_s: float = ANSWER_S) -> Message:
-        """Ask and wait; connect first where that is needed. Raise ``NoAnswer`` when none comes in
-        time, ``WireDown`` for all else."""
+        """Send a request and return its answer. Connect first if that is needed.
+
+        Raises:
+            NoAnswer: No answer came within ``within_s`` seconds.
+            WireDown: The call failed in another way.
+        """
         await self._connect(self._authority(p.METHODS[name].service))
         return await self.answer(self.ask(name, body), within_s)
 
     async def connect_unheard(self, service: str) -> None:
-        """Connect, and wait for nothing that the robot says, for a stop that it may understand when
-        its answers cannot be. Raise ``WireDown``."""
+        """Connect without waiting for an answer. A stop uses this when the robot may understand us
+        although its answers are unreadable. Raise ``WireDown``."""
         await self._connect(self._authority(service), settle=False)
 
     def ask(self, name: str, body: Mapping[str, object], permit: Permit | None = None) -> Asked:
-        """Send a question now; ``permit`` is checked directly before. Raise ``WireDown``, also when
-        there is no connection."""
+        """Send a request now.
+
+        Args:
+            name: The method.
+            body: The fields of the request, without its header.
+            permit: Checked immediately before the request is sent.
+
+        Raises:
+            WireDown: It could not be sent, or there is no connection.
+        """
         method = p.METHODS[name]
         connection = self._connections.get(self._authority(method.service))
         if connection is None or not connection.is_open:
@@ -142,8 +160,12 @@ class SpotSession:
         return Asked(method, connection.ask(method.path, data), connection)
 
     async def answer(self, asked: Asked, within_s: float = ANSWER_S) -> Message:
-        """Return the answer. Raise ``NoAnswer`` when none comes in time, ``WireDown`` for all
-        else."""
+        """Return the answer to a request that was sent.
+
+        Raises:
+            NoAnswer: No answer came within ``within_s`` seconds.
+            WireDown: The call failed in another way.
+        """
         name = asked.method.name
         try:
             data = await asked.connection.answer(asked.call, within_s)
@@ -161,7 +183,7 @@ class SpotSession:
             self._leave(authority)
 
     def close_in_order(self) -> None:
-        """As ``close``, but what was sent still arrives: for a stop."""
+        """Close as ``close`` does, but deliver the data that was sent. A stop needs this."""
         for connection in self._connections.values():
             connection.close_in_order()
         self._connections.clear()
@@ -175,8 +197,8 @@ class SpotSession:
             connection.close()
 
     async def _connect(self, authority: str, settle: bool = True) -> None:
-        known = self._connections.get(authority)
-        if known is not None and known.is_open:
+        connected = self._connections.get(authority)
+        if connected is not None and connected.is_open:
             return
         self._leave(authority)
         stream = await self._open_stream(authority)
@@ -202,8 +224,8 @@ class SpotSession:
 
 
 def own_name(machine_id: Path = Path("/etc/machine-id")) -> str:
-    """Return what this machine is called: hosts of one name are common, and one of them must not
-    take the other's lease for its own."""
+    """Return the client name of this machine. It has a part of the machine id, because hosts often share a
+    name, and one must not take another's lease for its own."""
     try:
         number = machine_id.read_bytes().strip()
     except OSError:
@@ -212,7 +234,7 @@ def own_name(machine_id: Path = Path("/etc/machine-id")) -> str:
 
 
 class _End(ClientEnd):
-    """Sends the token with each call."""
+    """A client end that sends the token with each call."""
 
     def __init__(self, authority: str, token: _Token) -> None:
         super().__init__(authority, "https")

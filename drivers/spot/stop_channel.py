@@ -1,9 +1,9 @@
-"""The root's way to a Spot: a session of its own, kept up until it is needed, which asserts our e-stop
-endpoint. It needs no lease.
+"""The root's stop channel to a Spot. It keeps its own session, and asserts our e-stop endpoint. It needs
+no lease.
 
-It needs no process of its own either: gRPC is spoken by this package, on trio, so that nothing of it
-can hang. When root, wire and standby are all gone the endpoint lapses: the robot settles and cuts its
-motors by itself.
+It needs no process, either: this package speaks gRPC itself, on trio, so no foreign code can hang.
+When root, wire and standby are all gone, the endpoint lapses. The robot then settles and cuts its motors
+by itself.
 """
 
 from __future__ import annotations
@@ -26,15 +26,15 @@ from .stopping import SERVICES, stop_by_estop
 Reports = tuple[MotorReport, ...]
 
 LOOK_AGAIN_S = 2.0
-"""Between two looks whether the session is still good."""
+"""Period of the check that the session still works."""
 STOP_S = 1.7
-"""How long an attempt may take. The guardian makes another one until it is confirmed."""
+"""Longest duration of one attempt. The guardian repeats it until it is confirmed."""
 WATCH_S = 1.5
-"""How long the robot is watched, where it need not be connected first."""
+"""How long an attempt observes the robot, if it need not connect first."""
 
 
 class EstopChannel(KeptSession[SpotConfig, SpotSession]):
-    """``open_stream``: for tests."""
+    """Stop the robot by our e-stop endpoint. Tests give ``open_stream``."""
 
     def __init__(
         self,
@@ -74,6 +74,6 @@ class EstopChannel(KeptSession[SpotConfig, SpotSession]):
             endpoint = EstopEndpoint(session, self.config.estop_timeout_s)
             outcome = await stop_by_estop(session, endpoint, safe_state, WATCH_S)
             if not outcome.acknowledged:
-                self.replace(None)  # what it was given may be dead: the next attempt connects anew
+                self.replace(None)  # The session may be dead: the next attempt connects anew.
             return outcome.reports(*names_of(self.config.axes))
         return Outcome(False, False, "silent").reports(*names_of(self.config.axes))

@@ -1,5 +1,7 @@
-"""How a Spot is stopped without its lease: by our e-stop endpoint, for the wire and for the stop
-channel. It lets the robot sit down, then cuts its motors; or cuts them at once."""
+"""Stop a Spot without its lease, by our e-stop endpoint. The wire and the stop channel use this.
+
+The robot sits down and then cuts its motors, or cuts them at once.
+"""
 
 from __future__ import annotations
 
@@ -14,23 +16,30 @@ from .control import NOTHING_SINCE, EstopEndpoint, FreshState
 from .session import SpotSession
 
 LOOK_S = 0.02
-"""Between two looks at the robot."""
+"""Period of reading the robot's state."""
 
 SERVICES = ("estop", "robot-state")
-"""Which are needed for it."""
+"""The services that a stop needs."""
 
 
 def level_of(safe_state: SafeState) -> p.StopLevel:
-    """Return what the e-stop is told for a safe state. None of them lets the robot stand: that
-    takes a lease."""
+    """Return the e-stop level for a safe state. No level lets the robot stand: that takes a lease."""
     return p.StopLevel.CUT if safe_state == SafeState.OFF else p.StopLevel.SETTLE_THEN_CUT
 
 
 async def stop_by_estop(
     session: SpotSession, endpoint: EstopEndpoint, safe_state: SafeState, within_s: float
 ) -> Outcome:
-    """Assert the e-stop, and look until the motors are off. Never raises. Where our endpoint is
-    known, and connected, the first frame leaves before the first wait."""
+    """Assert the e-stop, and read the robot's state until its motors are off. Never raises.
+
+    If our endpoint is known and connected, the first frame leaves before the first wait.
+
+    Args:
+        session: A session with the robot.
+        endpoint: Our e-stop endpoint; it is looked up if it is not known.
+        safe_state: ``off`` cuts the motors at once. All others let the robot sit first.
+        within_s: Longest duration, seconds.
+    """
     stop = _Stop(session, endpoint, level_of(safe_state))
     detail = "silent"
     with trio.move_on_after(within_s):
@@ -56,8 +65,14 @@ class _Stop:
         self._fresh = FreshState(session)
 
     async def step(self) -> str:
-        """Say it, until it was taken, and look. Return why the robot is not safe yet; empty: it is.
-        Raise ``WireDown``."""
+        """Assert the e-stop until the robot has accepted it, then read the state.
+
+        Returns:
+            Why the robot is not safe yet; empty if it is.
+
+        Raises:
+            WireDown: A call failed.
+        """
         if not self.acknowledged:
             detail = await self._assert()
             if detail:
@@ -67,13 +82,13 @@ class _Stop:
             return detail
         owner = p.body_owner(await self._session.call("ListLeases", {}))
         if owner not in ("", self._session.client):
-            return ""  # he drives it, and none of our commands is taken any more
+            return ""  # That client drives the robot, which accepts no more of our commands.
         return f"{detail}, and its e-stop is another's"
 
     async def _assert(self) -> str:
         if not self._endpoint.is_known and not await self._endpoint.find():
-            # It was set up anew while motors were off. That says nothing of what our lease has done
-            # since then.
+            # Another client configured the e-stop anew, while motors were off. Our lease may have
+            # moved the robot since then.
             self.is_anothers = self.acknowledged = True
             return ""
         asked = self._endpoint.say(self._level)
@@ -90,8 +105,11 @@ class _Stop:
 
 
 def why_on(reading: p.Reading | None) -> str:
-    """Return why its motors are not known to be off; empty: they are. None: nothing was reported
-    since the order."""
+    """Return why the motors are not known to be off; empty if they are off.
+
+    Args:
+        reading: A reading; None if nothing was reported since the command.
+    """
     if reading is None:
         return NOTHING_SINCE
     if reading.motors is p.Motors.OFF:

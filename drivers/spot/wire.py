@@ -1,8 +1,8 @@
-"""A Spot in the wire process.
+"""The wire of a Spot, in the wire process.
 
-Nothing is sent twice, and nothing by itself: a twist ends on the robot's clock, and the check-ins of
-our e-stop endpoint leave only while gate and transport answer (``feed``). Each command uses a newer
-lease than the one before, so that one which comes late, behind a stop, is refused by the robot.
+The wire sends nothing twice, and nothing by itself. A twist ends on the robot's clock. The check-ins of
+our e-stop endpoint leave only while gate and transport reply (``feed``). Each command uses a newer lease
+than the previous one, so that the robot refuses a command that arrives late, after a stop.
 """
 
 from __future__ import annotations
@@ -45,18 +45,18 @@ from .session import ANSWER_S, Asked, NoAnswer, OpenStream, SpotSession
 from .stopping import LOOK_S, stop_by_estop, why_on
 
 RENEW_LOOK_S = 1.0
-"""Between two looks whether the token, or the robot's clock, is to be asked for again."""
+"""Period of the check whether the token or the robot's clock has to be renewed."""
 RETAIN_S = 1.0
-"""Between two signs that the lease is still used."""
+"""Period of ``RetainLease``, which shows that the lease is in use."""
 RELEASED_S = 1.5
-"""Within which a robot reports that its e-stop is released."""
+"""Longest time until the robot reports that its e-stop is released."""
 POWER_ON_S, STAND_UP_S = 20.0, 10.0
 SIT_S = 5.0
-"""Within which it sits, motors off; then its e-stop is asserted."""
+"""Longest time to sit and switch motors off. After that the e-stop is asserted."""
 HOLD_S = 2.0
-"""Within which it must be seen to stand still."""
+"""Longest time until the robot is seen to stand still."""
 MARGIN_S = 0.7
-"""Of ``Timing.safe_s``: what is left for what comes after."""
+"""Part of ``Timing.safe_s`` that is reserved for the steps after a stop."""
 SERVICES = ("robot-command", "robot-state", "estop", "lease", "power", "time-sync")
 
 
@@ -71,7 +71,7 @@ class SpotWire(SessionWire[SpotSession]):
         self._reading: p.Reading | None = None
         self._read_ns = 0
         self._faults: dict[str, str] = {}
-        self._given_up = ""  # why a command failed which the robot may carry out all the same
+        self._given_up = ""  # why a command failed that the robot may still carry out
 
     # -- the link
 
@@ -80,7 +80,7 @@ class SpotWire(SessionWire[SpotSession]):
         session = SpotSession(self._config, self._clock, self._open_stream)
         opened = False
         try:
-            known = (await session.call("GetRobotId", {})).get("robot_id", {})
+            identity = (await session.call("GetRobotId", {})).get("robot_id", {})
             await session.open(SERVICES)
             self._time = RobotTime(session)
             await self._time.sync()
@@ -94,10 +94,10 @@ class SpotWire(SessionWire[SpotSession]):
         self._checked_in_ns = self._retained_ns = self._command_id = 0
         self._faults, self._given_up = {}, ""
         self.session_or_none = session
-        version = known.get("software_release", {}).get("version", {})
+        version = identity.get("software_release", {}).get("version", {})
         return {
-            "serial": known.get("serial_number", ""),
-            "nickname": known.get("nickname", ""),
+            "serial": identity.get("serial_number", ""),
+            "nickname": identity.get("nickname", ""),
             "software": ".".join(
                 str(version.get(part, 0)) for part in ("major_version", "minor_version", "patch_level")
             ),
@@ -105,7 +105,8 @@ class SpotWire(SessionWire[SpotSession]):
         }
 
     async def read(self) -> Observation:
-        """Its age is that of what it says: an answer that repeats the robot's stamp is not new."""
+        """Return an observation. Its age counts from the change of the robot's stamp, so an answer that
+        repeats the stamp is not new."""
         session, before = self.session, self._reading
         if self._given_up:
             raise WireDown(self._given_up)
@@ -127,8 +128,8 @@ class SpotWire(SessionWire[SpotSession]):
         return (self._clock.now_ns() - self._read_ns) / NS
 
     async def serve(self, task_status: trio.TaskStatus[None] = trio.TASK_STATUS_IGNORED) -> None:
-        """Ask for a new token and for the robot's clock beside the calls: either may take longer
-        than a call, and what is known is good for a while."""
+        """Renew the token and the robot's clock beside the other calls. Either may take longer than a call,
+        and the old values stay valid for a while."""
         session = self.session
         task_status.started()
         while True:
@@ -137,10 +138,10 @@ class SpotWire(SessionWire[SpotSession]):
             await trio.sleep(RENEW_LOOK_S)
 
     async def feed(self) -> None:
-        """Check in at a third of the endpoint's time-out, and say that the lease is used."""
-        _ = self.session  # raises when there is none
+        """Check in at a third of the endpoint's timeout, and show that the lease is in use."""
+        _ = self.session  # raises without a session
         now_ns = self._clock.now_ns()
-        with contextlib.suppress(NoAnswer):  # ``read`` judges how long it may be silent
+        with contextlib.suppress(NoAnswer):  # ``read`` judges how long the robot may be silent.
             if self._estop.level is p.StopLevel.NONE and now_ns - self._checked_in_ns >= self._check_in_ns:
                 await self._check_in(now_ns)
             if self._lease.is_held and now_ns - self._retained_ns >= RETAIN_S * NS:
@@ -151,8 +152,8 @@ class SpotWire(SessionWire[SpotSession]):
                     self._note(lost)
 
     async def _check_in(self, now_ns: int) -> None:
-        """A check-in that comes after the time-out would lift an e-stop that has come by then: it is
-        not sent."""
+        """Check in, unless the timeout has passed. A later check-in would lift the e-stop that the robot
+        has asserted by then."""
         late_s = (now_ns - self._checked_in_ns) / NS
         if late_s >= self._config.estop_timeout_s:
             self._estop.level = p.StopLevel.SETTLE_THEN_CUT
@@ -165,7 +166,8 @@ class SpotWire(SessionWire[SpotSession]):
 
     @property
     def _check_in_ns(self) -> int:
-        """A period of the tree earlier than a third of the time-out: ``feed`` comes in periods."""
+        """Period of check-ins: a third of the timeout, less one period of the tree. ``feed`` is called in
+        such periods."""
         return round((self._config.estop_timeout_s / 3 - 0.1) * NS)
 
     def close(self) -> None:
@@ -177,8 +179,8 @@ class SpotWire(SessionWire[SpotSession]):
     # -- commanding
 
     async def arm(self, permit: Permit) -> Observation:
-        """Take the lease, and have an e-stop endpoint that lets the robot be powered. Motors stay
-        as they are."""
+        """Take the lease, and set up an e-stop endpoint that lets the robot be powered. Motors keep their
+        power state."""
         if not self._lease.is_held:
             await self._lease.acquire()
             self._faults.pop(LEASE, None)
@@ -196,7 +198,12 @@ class SpotWire(SessionWire[SpotSession]):
         return await self.read()
 
     async def _set_up_estop(self) -> None:
-        """Raise ``WireDown``: then the robot is another's, and the lease is not kept from him."""
+        """Set up our e-stop endpoint.
+
+        Raises:
+            WireDown: The robot refuses, so another client drives it. Our lease is given back for that
+                client.
+        """
         try:
             await self._estop.set_up()
         except WireDown:
@@ -205,7 +212,7 @@ class SpotWire(SessionWire[SpotSession]):
             raise
 
     async def _until_released(self) -> None:
-        """Read back that our endpoint counts, and that the robot is free. Raise ``WireDown``."""
+        """Read back that our endpoint is in force and no e-stop is pressed. Raise ``WireDown``."""
         why = "it has not said"
         with trio.move_on_after(RELEASED_S):
             while True:
@@ -230,8 +237,11 @@ class SpotWire(SessionWire[SpotSession]):
             await self._command(p.together(*parts), permit)
 
     async def _command(self, command: Message, permit: Permit | None) -> p.Command | int:
-        """Send a command, and return what the robot says to it. Raise ``WireDown``, also when it
-        does not answer: it may still do it, and is stopped for that."""
+        """Send a command, and return the robot's status for it.
+
+        Raises:
+            WireDown: It failed, or was not answered. The robot may still carry it out, so it is stopped.
+        """
         with self._or_give_up():
             try:
                 status = await self._commanded(command, permit)
@@ -248,8 +258,8 @@ class SpotWire(SessionWire[SpotSession]):
 
     @contextlib.contextmanager
     def _or_give_up(self) -> Iterator[None]:
-        """A service that fails ends no link by itself: the next ``read`` does, so that the robot is
-        settled whatever it makes of the command."""
+        """Note a failed service, so that the next ``read`` ends the link. The robot is then settled,
+        whether or not it carries out the command."""
         try:
             yield
         except WireDown as down:
@@ -257,15 +267,15 @@ class SpotWire(SessionWire[SpotSession]):
             raise
 
     async def _commanded(self, command: Message, permit: Permit | None) -> int:
-        told = await self.session.answer(self._send(command, permit))
-        if not self._lease.check(told):
+        answer = await self.session.answer(self._send(command, permit))
+        if not self._lease.check(answer):
             return p.Command.UNKNOWN
-        self._command_id = told.get("robot_command_id", 0)
-        status: int = told.get("status", 0)
+        self._command_id = answer.get("robot_command_id", 0)
+        status: int = answer.get("status", 0)
         return status
 
     def _send(self, command: Message, permit: Permit | None) -> Asked:
-        """Raise ``LeaseLost``, ``WireDown``."""
+        """Send a command with the next use of the lease. Raise ``LeaseLost`` or ``WireDown``."""
         body = {"lease": self._lease.use(), "command": command, "clock_identifier": self._time.clock_identifier}
         return self.session.ask("RobotCommand", body, permit)
 
@@ -290,8 +300,11 @@ class SpotWire(SessionWire[SpotSession]):
         return self._reports(outcome, returned)
 
     async def _hold(self) -> tuple[MotorReport, ...]:
-        """Tell it to stand still, and see that it does. One that another has the lease of is not
-        moved by us; one that nobody has it of can only be looked at."""
+        """Command the robot to stand still, and read back that it does.
+
+        If another client has the lease, this program does not move the robot any more. If no client has
+        it, the robot can only be observed.
+        """
         written = acknowledged = is_nobodys = False
         detail, fresh = "silent", FreshState(self.session)
         with trio.move_on_after(HOLD_S):
@@ -321,21 +334,28 @@ class SpotWire(SessionWire[SpotSession]):
         return self._reports(Outcome(written, acknowledged, detail))
 
     async def _said_unheard(self, command: Message) -> bool:
-        """Say it by our lease on a new connection, before anything is heard there: answers that are
-        damaged end a connection, and the robot may hear us all the same. Return whether it left."""
+        """Send a command with our lease on a new connection, without waiting for an answer.
+
+        Damaged answers end a connection, and the robot may understand us all the same.
+
+        Returns:
+            True if the command was sent.
+        """
         session = self.session_or_none
         if session is None or not self._lease.is_held:
             return False
         try:
             await session.connect_unheard("robot-command")
             self._send(command, None)
-        except WireDown:  # told by the report: it is not confirmed
+        except WireDown:  # The report shows that the stop is not confirmed.
             return False
         return True
 
     async def _why_moving(self, fresh: FreshState) -> tuple[str, Targets]:
-        """Return why it does not stand still, empty: it does; and where it does. Motors that are
-        being powered on are switched off again. Raise ``LeaseLost``, ``WireDown``."""
+        """Return why the robot does not stand still, empty if it does, and its held position.
+
+        Motors that are being powered on are switched off again. Raise ``LeaseLost`` or ``WireDown``.
+        """
         reading = await fresh.read()
         if reading is None:
             return NOTHING_SINCE, ()
@@ -348,7 +368,11 @@ class SpotWire(SessionWire[SpotSession]):
         return detail, () if detail else held_at(reading)
 
     async def _sit(self) -> tuple[Outcome, str]:
-        """Sit, motors off, and return the lease. Return also why that was not returned."""
+        """Let the robot sit, switch motors off, and return the lease.
+
+        Returns:
+            The outcome, and why the lease was not returned; empty if it was.
+        """
         written = acknowledged = False
         detail = "silent"
         with trio.move_on_after(SIT_S):
@@ -364,7 +388,8 @@ class SpotWire(SessionWire[SpotSession]):
                     if not detail:
                         break
                     await trio.sleep(LOOK_S)
-                self._estop.level = p.StopLevel.SETTLE_THEN_CUT  # nothing more is fed
+                # From here on ``feed`` checks in no more.
+                self._estop.level = p.StopLevel.SETTLE_THEN_CUT
                 return Outcome(True, True, ""), await self._give_back()
             except LeaseLost as lost:
                 if lost.owner:
@@ -376,7 +401,8 @@ class SpotWire(SessionWire[SpotSession]):
         return Outcome(written, acknowledged, detail), ""
 
     async def _give_back(self) -> str:
-        """Return the lease. Return why it was not; empty: it was, or there is none."""
+        """Return the lease to the robot. The result says why that failed; empty if it did not, or if there
+        is no lease."""
         if LEASE in self._faults:
             return f"{self._faults[LEASE]}: it is not returned"
         try:
@@ -385,32 +411,35 @@ class SpotWire(SessionWire[SpotSession]):
             return f"the lease was not returned: {down}"
 
     async def reach(self, safe_state: SafeState) -> tuple[MotorReport, ...]:
-        """By our lease, unheard, and by our e-stop endpoint on the connection that is open: both at
-        once, since each may have to wait for the network. Then by the endpoint on a new connection."""
+        """Stop by the open connections, then by a new one.
+
+        On the open ones, a command with our lease and our e-stop endpoint run in parallel, since each may
+        have to wait for the network. On the new one only the endpoint is used.
+        """
         self._is_armed = False
-        said = False
+        sent = False
         if self.session_or_none is not None:
 
             async def by_lease() -> None:
-                nonlocal said
-                said = await self._said_unheard(p.STOP if safe_state == SafeState.HOLD else p.SAFE_POWER_OFF)
+                nonlocal sent
+                sent = await self._said_unheard(p.STOP if safe_state == SafeState.HOLD else p.SAFE_POWER_OFF)
 
             async with trio.open_nursery() as nursery:
                 if safe_state != SafeState.OFF:
                     nursery.start_soon(by_lease)
                 outcome = await stop_by_estop(self.session, self._estop, safe_state, ANSWER_S)
                 if not outcome.detail:
-                    nursery.cancel_scope.cancel()  # it is safe: the way by the lease is not needed
+                    nursery.cancel_scope.cancel()  # The robot is safe without the command by lease.
             if not outcome.detail:
                 return self._reports(outcome)
-            self.session.close_in_order()  # not forgotten: its lease is what a later stop is said by
+            self.session.close_in_order()  # The session is kept: a later stop uses its lease.
         session = SpotSession(self._config, self._clock, self._open_stream)
         try:
             await session.open(("estop", "robot-state"))
             estop = EstopEndpoint(session, self._config.estop_timeout_s)
             outcome = await stop_by_estop(session, estop, safe_state, SIT_S)
         except WireDown as down:
-            outcome = Outcome(said, False, str(down))
+            outcome = Outcome(sent, False, str(down))
         finally:
             session.close_in_order()
         return self._reports(outcome)
@@ -458,13 +487,13 @@ class SpotWire(SessionWire[SpotSession]):
         try:
             with self._or_give_up():
                 asked = session.ask("PowerCommand", {"lease": self._lease.use(), "request": p.POWER_ON}, permit)
-                told = await session.answer(asked)
-            self._lease.check(told)
+                answer = await session.answer(asked)
+            self._lease.check(answer)
         except LeaseLost as lost:
             self._note(lost)
             return self._refused("stand", p.Command.UNKNOWN)
-        status = told.get("status", 0)
-        number = told.get("power_command_id", 0)
+        status = answer.get("status", 0)
+        number = answer.get("power_command_id", 0)
         with trio.move_on_after(POWER_ON_S):
             while status == p.Power.IN_PROGRESS:
                 permit.check()
@@ -478,7 +507,7 @@ class SpotWire(SessionWire[SpotSession]):
     # -- parts
 
     def _refused(self, service: str, status: int) -> Refused | None:
-        """Return a refusal of the robot's; None: it took the command."""
+        """Return the robot's refusal of a command; None if it accepted it."""
         if status == p.Command.OK:
             return None
         if LEASE in self._faults:
@@ -487,6 +516,6 @@ class SpotWire(SessionWire[SpotSession]):
         return Refused(Code.ROBOT, f"the robot refuses it: {why}", "look at the robot", why)
 
     def _note(self, lost: LeaseLost) -> None:
-        """Keep who took the lease: later it is only known that it is not ours."""
+        """Note the client that took the lease. Later answers do not name it."""
         if lost.owner or LEASE not in self._faults:
             self._faults[LEASE] = str(lost)

@@ -1,4 +1,4 @@
-"""One board on its serial port: who it is, what it is asked, and frames that nobody waits for."""
+"""One board on its serial port: identification, calls with an answer, and frames without one."""
 
 from __future__ import annotations
 
@@ -19,15 +19,18 @@ from .config import BAUD
 OpenPort = Callable[[str, int], BytePort]
 
 ANSWER_S = 0.25
-"""Within which a board answers when it is opened."""
+"""Longest time for an answer while the board is opened."""
 
 MOST_FRAMES = 18
-"""Of a reply: 1024 bytes."""
+"""Largest number of frames in a reply: 1024 bytes."""
 
 
 class Board:
-    """Everything raises ``WireDown`` once the port is gone. Who waits for an answer has the line to
-    itself until then; ``send``, ``send_first`` and ``tell`` wait for nobody."""
+    """A board. All methods raise ``WireDown`` once the port is gone.
+
+    A call with an answer has the line for itself until the answer comes. ``send``, ``send_first`` and ``tell``
+    write without waiting for it.
+    """
 
     def __init__(self, name: str, port: BytePort, clock: Clock) -> None:
         self.name = name
@@ -35,33 +38,33 @@ class Board:
         self.bus: HalfDuplexBus[f.Frame] = HalfDuplexBus(port, f.Decoder(), clock, BAUD, overhead=f.OVERHEAD)
         self.info = p.BoardInfo("", "", "", (0, 0), 0)
         self._line = trio.Lock()
-        self._is_owed = False  # an answer to ``tell`` that can be told from others
+        self._is_owed = False  # True while a distinguishable answer to ``tell`` is pending
 
     def close(self) -> None:
         self.port.close()
 
     def send(self, call: bytes) -> None:
-        """A short call that nobody waits for: its acknowledgement is thrown away."""
+        """Send a short call. Its acknowledgement is dropped."""
         self.bus.send(f.push(call))
 
     def send_first(self, call: bytes) -> None:
-        """The same on a port of which nothing is known: what waits to leave is thrown away, and a
-        frame that this, or the death of its writer, has cut in two ends before ours begins."""
+        """Send a short call on a port in an unknown state. Waiting output is dropped. A frame that was cut by this,
+        or by the death of its writer, ends before our frame begins."""
         self.port.discard_output()
         self.bus.send(f.RESYNC + f.push(call))
 
     def tell(self, call: bytes) -> None:
-        """As ``send``, for a call that ``was_told`` is asked about."""
+        """Send a short call. ``was_told`` waits for its acknowledgement."""
         self._is_owed = not (self.bus.quiet or self._line.locked())
         if not self._is_owed:
             self.send(call)
             return
-        self.port.discard_input()  # acknowledgements that nobody has waited for
+        self.port.discard_input()  # old acknowledgements of ``send``
         self.bus.send_owed(f.push(call), {f.PUSH_ACK: 0})
 
     async def was_told(self) -> bool:
-        """Return whether the last ``tell`` was acknowledged; False, too, where that cannot be told
-        from another answer that is on its way."""
+        """Return True if the last ``tell`` was acknowledged. Return False, too, if its answer cannot be
+        distinguished from another pending one."""
         if not self._is_owed:
             return False
         async with self._line:
@@ -69,8 +72,8 @@ class Board:
         return not self.bus.quiet
 
     async def identify(self, kind: p.Kind) -> None:
-        """Ask who it is, over the transport that every firmware speaks. Raise ``WireDown`` for
-        another board, and for firmware that is not known."""
+        """Identify the board, over the transport that every firmware speaks. Raise ``WireDown`` for another board,
+        and for unknown firmware."""
         reply = await self._v0(p.BOARD_INFO[kind])
         try:
             info = p.parse_board_info(reply)
@@ -87,7 +90,7 @@ class Board:
         self.info = info
 
     async def command(self, call: bytes) -> bool:
-        """Do a call of any length; whether it was acknowledged, frame by frame."""
+        """Send a call of any length. Return True if each of its frames was acknowledged."""
         last: f.Frame | None = None
         async with self._line:
             for frame in f.pushes(call):
@@ -98,23 +101,31 @@ class Board:
         return _acknowledges(last, call)
 
     async def change(self, call: bytes, permit: Permit) -> bool:
-        """Do a short call beside whoever reads and commands the board; whether it was acknowledged.
-        It keeps the line for one answer at most, so that nobody waits longer for it than for a
-        silent board. In the quiet time raise ``Quiet``."""
+        """Send a short call while other tasks read and command the board. Return True if it was acknowledged.
+
+        It holds the line for one answer at most, so that no task waits longer for it than for a silent board.
+
+        Raises:
+            Quiet: The line is in its quiet time.
+        """
         async with self._line:
             permit.check()
             replies = await self.bus.transact(f.push(call), {f.PUSH_ACK: 0})
-        # it may be that of a setpoint, which nobody waits for
+        # It may be the acknowledgement of a setpoint, which no task waits for.
         return _acknowledges(replies.get(f.PUSH_ACK), call)
 
     async def must(self, call: bytes, what: str) -> None:
-        """Raise ``WireDown`` when a call is not acknowledged."""
+        """Send a call. Raise ``WireDown`` if it is not acknowledged."""
         if not await self.command(call):
             raise WireDown(f"{self.name} does not take {what}. Check its cable and power")
 
     async def ask(self, call: int, *, wait: bool = False) -> bytes | None:
-        """Return the reply without its number; None: it did not come whole. In the quiet time raise
-        ``Quiet``, or sit it out."""
+        """Return the reply to a call without its number; None if it did not arrive completely.
+
+        Args:
+            call: Number of the call.
+            wait: Wait for the end of a quiet time. Otherwise raise ``Quiet`` in it.
+        """
         reply, request = b"", f.pull(call)
         async with self._line:
             for _ in range(MOST_FRAMES):
@@ -129,7 +140,7 @@ class Board:
         return None
 
     async def stepper_status(self, *, wait: bool = False) -> p.StepperStatus | None:
-        """Return what it reports; None: nothing, or nonsense."""
+        """Return the status of a stepper; None without a readable answer."""
         data = await self.ask(p.STATUS, wait=wait)
         try:
             return None if data is None else p.parse_stepper_status(data)

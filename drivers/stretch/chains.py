@@ -1,5 +1,5 @@
-"""The two chains of Dynamixels: wrist and head. What differs from an arm of such servos: radians, a
-slow bus, a gripper that is not ours, and motion profiles that this robot's servos are told."""
+"""The two chains of Dynamixels: wrist and head. They differ from an arm of such servos: radians, a slow bus, a
+gripper that is not commanded, and motion profiles that the servos need."""
 
 from __future__ import annotations
 
@@ -28,15 +28,14 @@ HOMED = table.Register(661)
 """Indirect data 56, where the vendor's homing routine notes that the joint is homed."""
 
 RESET = frozenset((LIMP, UNARMED))
-"""Words in ``faults`` of a servo that has lost what we set: torque, or its bus watchdog. If it was
-reset, it has forgotten its whole turns, too."""
+"""Words in ``faults`` of a servo that has lost our settings: torque, or its bus watchdog. A servo that was
+reset has lost its count of whole turns, too."""
 
 
 class ChainSafing(DynamixelSafing):
     REPEATS: ClassVar[int] = 3
     REPEAT_S: ClassVar[float] = 0.01
-    """By then three of the longest replies have finished (3 x (94 bytes + 0.5 ms) at 115 200
-    baud)."""
+    """After this pause three of the longest replies have ended (3 x (94 bytes + 0.5 ms) at 115 200 baud)."""
 
 
 class ChainWire(DynamixelWire):
@@ -53,20 +52,19 @@ class ChainWire(DynamixelWire):
         self._joints = chain.joints
         self._is_profiled = False
         self.homed: dict[str, bool] = {}
-        """By joint: whether it knows where it is."""
+        """By joint: True if the joint knows its position."""
 
     async def handshake(self, bus: HalfDuplexBus[protocol.Packet]) -> Handshake[protocol.Packet]:
-        """A joint may rest anywhere in the range of the robot's YAML, several turns of its servo
-        too."""
-        found = await super().handshake(bus)
+        """Connect. A joint may rest anywhere in the range of the robot's YAML, even several turns of its servo."""
+        done = await super().handshake(bus)
         for axis, joint in zip(self.axes, self._joints, strict=True):
             data = await block(bus, protocol, axis, HOMED.address, HOMED.size) if joint.needs_homing else b"\1"
             self.homed[axis.key] = bool(HOMED.decode(data))
-        return msgspec.structs.replace(found, reach={axis.id: (axis.low, axis.high) for axis in self.axes})
+        return msgspec.structs.replace(done, reach={axis.id: (axis.low, axis.high) for axis in self.axes})
 
     async def write(self, values: tuple[float, ...], permit: Permit) -> None:
-        """A hold leaves the servos without a limit of speed, so the first goal behind one is
-        preceded by it."""
+        """Write a setpoint. A hold removes the servos' speed limit, so the first goal after one is preceded by the
+        profile."""
         if self._armed and not self._is_profiled:
             permit.check()
             joints, bus = self._joints, self.session.bus
@@ -78,13 +76,13 @@ class ChainWire(DynamixelWire):
         await super().write(values, permit)
 
     def go_on(self) -> None:
-        """A setpoint for the rest of the robot feeds the servos' watchdogs as one for them does:
-        who sends it is alive."""
+        """Feed the servos' watchdogs for a setpoint to the rest of the robot, because its sender is alive."""
         if self._feed_until_ns is not None:
             self._feed_until_ns = self.clock.now_ns() + round(FEED_S * NS)
 
     async def before_arming(self, permit: Permit) -> None:
-        """A servo that was reset since has lost its turns, and with them what was noted here."""
+        """Read again whether the joints are homed. A servo that was reset meanwhile has lost its turns, and the
+        note."""
         await super().before_arming(permit)
         for axis, joint in zip(self.axes, self._joints, strict=True):
             if joint.needs_homing:
@@ -96,7 +94,8 @@ class ChainWire(DynamixelWire):
         return await super().arm(permit)
 
     async def read(self) -> Observation:
-        """A joint whose servo seems reset does not count as homed until the next arming asks it."""
+        """Return a reading. A joint whose servo seems reset counts as not homed until the next arming reads
+        that."""
         seen = await super().read()
         for axis, joint in zip(self.axes, self._joints, strict=True):
             if joint.needs_homing and not RESET.isdisjoint(seen.faults.get(axis.key, "").split(", ")):
@@ -104,7 +103,7 @@ class ChainWire(DynamixelWire):
         return seen
 
     async def make_safe(self, safe_state: SafeState) -> tuple[MotorReport, ...]:
-        """Always a hold: a wrist that is let go drops what it carries."""
+        """Hold, for every safe state, because a limp wrist would drop its load."""
         self._is_profiled = False
         return at_rest(await super().make_safe(SafeState.HOLD))
 
@@ -131,8 +130,7 @@ class ChainStopChannel(DynamixelStopChannel):
 
 
 def at_rest(reports: Sequence[MotorReport]) -> tuple[MotorReport, ...]:
-    """Return the reports of a hold, in which a servo that has no torque is at rest, too: nobody
-    drives it."""
+    """Return the reports of a hold. A servo without torque counts as safe, too, since nothing drives it."""
     return tuple(
         msgspec.structs.replace(report, safe=True) if report.detail == LIMP else report for report in reports
     )

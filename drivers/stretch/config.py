@@ -1,4 +1,4 @@
-"""What wire and stop channel of a Stretch know of it."""
+"""The configuration that the wire and the stop channel of a Stretch share."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from .parameters import Chain, Motor, Parameters
 from .protocol import Command, Mode
 
 BAUD = 115_200
-"""Of the boards: USB, where it has no meaning."""
+"""Rate of the boards' ports. They are USB, where it has no meaning."""
 
 LEFT, RIGHT, LIFT, ARM, PIMU = "left_wheel", "right_wheel", "lift", "arm", "pimu"
 STEPPERS = (LEFT, RIGHT, LIFT, ARM)
@@ -21,20 +21,20 @@ BOARDS = (*STEPPERS, PIMU)
 BASE = ("vx", "wz")
 
 TICKS_PER_S = 0.229 * 4096 / 60
-"""Of a Dynamixel's velocity register."""
+"""Unit of a Dynamixel's velocity register."""
 TICKS_PER_S2 = 214.577 * 4096 / 3600
-"""Of its profile acceleration: 214.577 turns/min2."""
+"""Unit of its profile acceleration: 214.577 turns/min2."""
 
 
 class StretchConfig(msgspec.Struct, frozen=True):
     robot: str
     parameters: Parameters
     timeout_s: float = 0.5
-    """How long a board may be silent before the link counts as lost."""
+    """The link counts as lost when a board is silent for so long."""
 
     @property
     def joints(self) -> tuple[str, ...]:
-        """Keys of the axes that have a position, in their order."""
+        """Return the keys of the axes that have a position, in their order."""
         chains = (self.parameters.wrist, self.parameters.head)
         return (LIFT, ARM, *(joint.key for chain in chains for joint in chain.joints))
 
@@ -55,7 +55,7 @@ class StretchConfig(msgspec.Struct, frozen=True):
         return self.parameters.wrist, self.parameters.head
 
     def chain_config(self, chain: Chain) -> ServoConfig:
-        """Return what the wire of one chain of Dynamixels knows."""
+        """Return the configuration of the wire of one chain of Dynamixels."""
         return ServoConfig(
             robot=self.robot,
             port=chain.usb,
@@ -64,7 +64,7 @@ class StretchConfig(msgspec.Struct, frozen=True):
                 ServoAxis(
                     key=joint.key,
                     id=joint.id,
-                    model="",  # differs from robot to robot
+                    model="",  # It differs from robot to robot.
                     unit="rad",
                     zero=joint.zero,
                     scale=joint.scale,
@@ -93,7 +93,7 @@ class StretchConfig(msgspec.Struct, frozen=True):
     # -- commands
 
     def goal(self, joint: str, position_m: float) -> Command:
-        """Return the command that has lift or arm go there, with the profile of the YAML."""
+        """Return the command that moves lift or arm to a position, with the profile of the YAML."""
         motor = self.motors[joint]
         return _guarded(motor, Mode.POSITION_PROFILE)._replace(
             position=position_m * motor.rad_per_m,
@@ -109,7 +109,7 @@ class StretchConfig(msgspec.Struct, frozen=True):
         )
 
     def hold(self, board: str) -> Command:
-        """Return the command that has a stepper stay where it is."""
+        """Return the command that holds a stepper where it is."""
         return _guarded(self.motors[board], Mode.HOLD)
 
     def stand(self, wheel: str) -> Command:
@@ -123,8 +123,8 @@ def _guarded(motor: Motor, mode: Mode) -> Command:
 
 
 def ticks_per_s(rad_s: float, gear: float) -> int:
-    """Return a speed in counts of a Dynamixel's profile velocity, at least one: zero is no
-    limit."""
+    """Return a speed in counts of a Dynamixel's profile velocity. It is at least 1, because zero means
+    unlimited."""
     return max(1, int(rad_s * gear * 4096 / math.tau / TICKS_PER_S))
 
 

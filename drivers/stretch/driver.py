@@ -1,8 +1,8 @@
-"""Hello Robot Stretch 2 and 3, on the boards' own serial lines: no SDK.
+"""Declare Hello Robot's Stretch 2 and 3, on the boards' own serial lines, without an SDK.
 
-Lift and arm in metres, wrist and head in radians, the base by ``set_twist(vx, wz)``. Safe, for
-whatever reason, is a hold: the wheels stand, everything else stays where it is. An e-stop sets the
-runstop, too, with which the boards stop by themselves until somebody releases it on the robot.
+Lift and arm are in metres, wrist and head in radians. ``set_twist(vx, wz)`` drives the base. The safe state is
+a hold for every reason: the wheels stand, and all joints stay where they are. An e-stop sets the runstop, too.
+The boards then stop by themselves until a person releases it on the robot.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ from .parameters import Chain, Parameters, folder_of, parameters_of, read_folder
 from .robots import TABLES
 
 TWIN_PORT = "stretch-twin"
-"""Name of the folder in which a twin has its ports, by the names that they have on a robot."""
+"""Name of the folder with a twin's ports. They have the same names there as on a robot."""
 
 _DEVICES = "/dev/"
 
@@ -118,11 +118,11 @@ class Stretch(Driver):
 
     @classmethod
     async def complete(cls, robot: str, port: str, options: Mapping[str, Any]) -> dict[str, Any]:
-        """Read the robot's own YAML. A twin's ports have their names in its folder."""
+        """Read the robot's own YAML. The ports of a twin are in its folder, and it needs no YAML."""
         if port or "parameters" in options:
             return dict(options)
-        found = read_folder(robot, folder_of(os.environ))
-        return {**options, "parameters": msgspec.to_builtins(found)}
+        read = read_folder(robot, folder_of(os.environ))
+        return {**options, "parameters": msgspec.to_builtins(read)}
 
     def __init__(self, robot: str, port: str, options: Mapping[str, Any]) -> None:
         given = {name: value for name, value in options.items() if name != "parameters"}
@@ -200,7 +200,7 @@ def _parts(config: StretchConfig) -> tuple[Part, ...]:
 
 
 def _moved(parameters: Parameters, folder: str) -> Parameters:
-    """Return the parameters of a robot whose devices are in another folder."""
+    """Return the parameters of a robot with its devices in another folder."""
 
     def move(usb: str) -> str:
         return f"{folder}/{usb.removeprefix(_DEVICES)}"

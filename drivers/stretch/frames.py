@@ -1,14 +1,12 @@
-"""Frames of Stretch's boards: COBS, CRC-16, and how a call is split into them. Pure: no I/O, no
-clock.
+"""Frames of Stretch's boards: COBS, CRC-16, and the split of a call into frames. Pure: no I/O, no clock.
 
-A frame is ``COBS(code data.. crc crc) 00``: CRC-16/Modbus (polynomial 0xA001, initial 0xFFFF), high
-byte first. A call is a number and its arguments; its reply has the number after it. There is no
-sequence number: a late reply looks like the answer to the next call of the same kind.
+A frame is ``COBS(code data.. crc crc) 00``: CRC-16/Modbus (polynomial 0xA001, initial 0xFFFF), high byte first.
+A call is a number and its arguments, and its reply has the next number. There is no sequence number, so a late
+reply looks like the answer to the next call of the same kind.
 
-Transport V1, which these robots speak: a call that commands is *pushed*, 58 bytes a frame, each
-acknowledged, the last with the reply. A call that asks is *pulled*: the reply comes 58 bytes a
-frame, each asked for. Transport V0 is older and is used for one call, which every firmware answers:
-who are you.
+These robots speak transport V1. A call that commands is *pushed*, 58 bytes a frame. Each frame is acknowledged,
+and the last acknowledgement has the reply. A call that asks is *pulled*: the reply comes 58 bytes a frame, each
+on request. Transport V0 is older. It is used for the one call that every firmware answers, identification.
 """
 
 from __future__ import annotations
@@ -20,10 +18,10 @@ from strands_actors.drivers.common.malformed import MalformedFrame
 
 END = b"\x00"
 RESYNC = END
-"""In front of the first safe frame: what was cut in two before it ends there."""
+"""It is sent before the first safe frame, and ends a frame that was cut before."""
 
 MAX_FRAME = 64
-"""Bytes: more than a board's receive buffer is no frame."""
+"""Bytes. A longer one does not fit into a board's receive buffer, so it is no frame."""
 OVERHEAD = 5
 """Bytes of a frame beside its data: COBS, code, CRC, end."""
 
@@ -58,12 +56,12 @@ def crc16(data: bytes) -> int:
 
 
 _ONE_OF = {PULL_MORE: PULL_LAST, V0_GOT_MORE: V0_GOT_LAST}
-"""What a reply may be instead."""
+"""The code by which a reply is awaited, for each code that it may have instead."""
 
 
 class Frame(NamedTuple):
-    """One checked frame, as a ``half_duplex.Packet``: a reply is known by its code. How long it is
-    depends on the firmware, and is its reader's business."""
+    """One checked frame, as a ``half_duplex.Packet``. A reply is recognised by its code. Its length depends on the
+    firmware, and its reader checks it."""
 
     code: int
     data: bytes
@@ -82,7 +80,7 @@ class Frame(NamedTuple):
 
 
 def frame(code: int, data: bytes = b"") -> bytes:
-    """Return the bytes of one frame. Raise ``ValueError`` for data that one does not hold."""
+    """Return the bytes of one frame. Raise ``ValueError`` for data that does not fit."""
     if len(data) > CHUNK_V1:
         raise ValueError(f"{len(data)} bytes do not fit one frame of {CHUNK_V1}")
     body = bytes((code,)) + data
@@ -90,7 +88,7 @@ def frame(code: int, data: bytes = b"") -> bytes:
 
 
 def stuff(data: bytes) -> bytes:
-    """COBS of up to 253 bytes: no zero is left in them."""
+    """Encode up to 253 bytes by COBS. The result has no zero."""
     stuffed = bytearray()
     for run in data.split(END):
         stuffed.append(len(run) + 1)
@@ -99,22 +97,22 @@ def stuff(data: bytes) -> bytes:
 
 
 def unstuff(data: bytes) -> bytes:
-    """Raise ``MalformedFrame`` for what is no COBS."""
+    """Decode COBS. Raise ``MalformedFrame``."""
     plain = bytearray()
-    at = 0
-    while at < len(data):
-        size = data[at]
-        if size == 0 or at + size > len(data):
+    index = 0
+    while index < len(data):
+        size = data[index]
+        if size == 0 or index + size > len(data):
             raise MalformedFrame("the bytes are no COBS")
-        plain += data[at + 1 : at + size]
-        at += size
-        if at < len(data):
+        plain += data[index + 1 : index + size]
+        index += size
+        if index < len(data):
             plain.append(0)
     return bytes(plain)
 
 
 def parse(data: bytes) -> Frame:
-    """Return the frame in the bytes between two ends. Raise ``MalformedFrame``."""
+    """Decode the bytes between two ends of frames. Raise ``MalformedFrame``."""
     body = unstuff(data)
     if len(body) < 3:
         raise MalformedFrame(f"{len(body)} bytes are too few for a frame")
@@ -124,8 +122,8 @@ def parse(data: bytes) -> Frame:
 
 
 class Decoder:
-    """Bytes in any pieces, checked frames out. Garbage is skipped and counted, a torn frame waits
-    for its rest."""
+    """Decode a stream of bytes into checked frames. Garbage is skipped and counted. A partial frame waits for its
+    rest."""
 
     def __init__(self) -> None:
         self._buffer = bytearray()
@@ -134,7 +132,7 @@ class Decoder:
 
     @property
     def pending(self) -> int:
-        """Bytes of a frame that has not ended yet."""
+        """Return the number of bytes of a frame that has not ended yet."""
         return len(self._buffer)
 
     def clear(self) -> None:
@@ -147,11 +145,11 @@ class Decoder:
             whole = bytes(self._buffer) + part
             lost, self._too_long = self._too_long, False
             self._buffer.clear()
-            found = None if lost or len(whole) >= MAX_FRAME else _frame_in(whole)
-            if found is None:
+            complete = None if lost or len(whole) >= MAX_FRAME else _frame_in(whole)
+            if complete is None:
                 self.garbage_bytes += len(whole)
             else:
-                yield found
+                yield complete
         self._buffer += rest
         if len(self._buffer) >= MAX_FRAME:
             self.garbage_bytes += len(self._buffer)
@@ -170,7 +168,7 @@ def _frame_in(data: bytes) -> Frame | None:
 
 
 def pushes(call: bytes) -> tuple[bytes, ...]:
-    """Return the frames of a call that commands. Raise ``ValueError`` for one that is too long."""
+    """Return the frames of a call that commands. Raise ``ValueError`` if it is too long."""
     if not 0 < len(call) <= MAX_CALL:
         raise ValueError(f"a call of {len(call)} bytes. It has 1 to {MAX_CALL}")
     chunks = [call[at : at + CHUNK_V1] for at in range(0, len(call), CHUNK_V1)]
@@ -181,12 +179,12 @@ def pushes(call: bytes) -> tuple[bytes, ...]:
 
 
 def push(call: bytes) -> bytes:
-    """Return the one frame of a short call. Raise ``ValueError`` for a longer one."""
+    """Return the only frame of a short call. Raise ``ValueError`` if it is too long."""
     return frame(PUSH_ONLY, call)
 
 
 def pull(call: int) -> bytes:
-    """Return the frame that asks, and begins a reply."""
+    """Return the frame that sends a request and begins its reply."""
     return frame(PULL_FIRST, bytes((call,)))
 
 
@@ -195,7 +193,7 @@ def pull_next(call: int) -> bytes:
 
 
 def answers(reply: bytes) -> Iterator[bytes]:
-    """Return the frames of a reply, each to be asked for: the board's side of ``pull``."""
+    """Return the frames of a reply, one for each request. This is the board's side of ``pull``."""
     chunks = [reply[at : at + CHUNK_V1] for at in range(0, len(reply), CHUNK_V1)] or [b""]
     for at, chunk in enumerate(chunks):
         yield frame(PULL_LAST if at == len(chunks) - 1 else PULL_MORE, chunk)

@@ -1,4 +1,4 @@
-"""What a Stretch refuses, from what it reports. Pure; nothing is ever clipped."""
+"""Refuse commands to a Stretch by the robot's own reports. Pure: no I/O. Nothing is ever clipped."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ _STOPPED_ITSELF = {
         "check its board and its supply, then call resume()",
     ),
 }
-"""Word in ``faults`` of lift or arm -> code, what it is, and what to do."""
+"""Word in ``faults`` of lift or arm: refusal code, reason, and remedy."""
 
 
 _SETS_RUNSTOP = (
@@ -45,8 +45,8 @@ _SETS_RUNSTOP = (
     ("tilted", "the robot is tilted", "set it upright"),
     ("high_current", "the robot has drawn too much current", "clear what it works against"),
 )
-"""Sensor -> why the power board sets the runstop by itself, and again as long as that is so; what to
-do first. A cliff it remembers until it is switched off."""
+"""Sensor: reason why the power board sets the runstop by itself, and first remedy. The board sets it again as long
+as the reason lasts. It remembers a cliff until it is switched off."""
 
 
 # -- parsing
@@ -55,10 +55,12 @@ do first. A cliff it remembers until it is switched off."""
 def parse(
     action: Mapping[str, object], robot: str, axes: Sequence[Axis], index: Mapping[str, int], state: GateState
 ) -> Candidate | Refused:
-    """Return the whole target, and behind it which axes are to be told: those that the action
-    names, and the joints of what is live. A joint's goal stands as long as the lease; a twist ends
-    after ``LIFETIME_S``, and what names only joints goes on with it until then. ``vy`` may be named
-    where it is zero: this base cannot strafe."""
+    """Return the whole target, with a mask of the axes that get a command behind it.
+
+    The mask has the axes that the action names, and the joints of the target in force. A joint's goal stays in
+    force as long as the lease. A twist ends after ``LIFETIME_S``, and an action that names only joints lets it
+    run until then. ``vy`` is accepted if it is zero, since this base cannot strafe.
+    """
     plain: dict[str, object] = dict(action)
     if "vy" in plain:
         sideways = finite(plain.pop("vy"))
@@ -69,26 +71,26 @@ def parse(
             return Refused(StretchCode.STRAFE, why, "turn with wz, drive with vx", f"{sideways:g}", "0")
         if not plain:
             plain = dict.fromkeys(BASE, 0.0)
-    before = msgspec.structs.replace(state, target=state.target[: len(axes)])  # without what it told
+    before = msgspec.structs.replace(state, target=state.target[: len(axes)])  # without its mask
     parsed = parse_twist(plain, robot, axes, index, before)
     if isinstance(parsed, Refused):
         return parsed
-    base = [at for at, axis in enumerate(axes) if axis.mode is AxisMode.VELOCITY]
-    drives = any(parsed.values[at] != 0 for at in base)
+    base = [number for number, axis in enumerate(axes) if axis.mode is AxisMode.VELOCITY]
+    drives = any(parsed.values[number] != 0 for number in base)
     named, until_ns = set(parsed.named), parsed.until_ns
     if drives:
         if not named.isdisjoint(base):
             until_ns = state.now_ns + round(LIFETIME_S * NS)
         named.update(base)
     if state.live is not None and len(state.target) > len(axes):
-        # Two commands may reach the wire as one, the newer: it tells what the other has told, too.
+        # The wire may get only the newer one of two commands, so that one includes the joints of the other.
         named.update(_told(state.target, len(axes)).difference(base))
     mask = float(sum(1 << at for at in named))
     return msgspec.structs.replace(parsed, values=(*parsed.values, mask), until_ns=until_ns)
 
 
 def named_in(values: Sequence[float], axes: Sequence[str]) -> frozenset[str]:
-    """Return which axes a target tells: what ``parse`` put behind it."""
+    """Return the axes that get a command by a target's mask."""
     return frozenset(axes[at] for at in _told(values, len(axes)))
 
 
@@ -113,7 +115,7 @@ def _runstop(observation: Observation, now_ns: int) -> Refused | None:
 
 
 def why_stopped(sensors: Mapping[str, tuple[float, ...]]) -> tuple[str, str]:
-    """Return why the runstop is on, as far as the robot tells, and what to do."""
+    """Return why the runstop is on, as far as the robot reports it, and the remedy."""
     release = "release it on the robot"
     for sensor, why, first in _SETS_RUNSTOP:
         if sensors.get(sensor, (0.0,)) != (0.0,):
@@ -122,7 +124,7 @@ def why_stopped(sensors: Mapping[str, tuple[float, ...]]) -> tuple[str, str]:
 
 
 def _went_on(observation: Observation, now_ns: int) -> Refused | None:
-    """Refuse to go on with a lift or an arm that its own board has stopped."""
+    """Refuse to move further while lift or arm was stopped by its own board."""
     for joint in (LIFT, ARM):
         for word in observation.faults.get(joint, "").split(", "):
             if word in _STOPPED_ITSELF:
@@ -135,15 +137,15 @@ def _went_on(observation: Observation, now_ns: int) -> Refused | None:
 
 
 def gates_of(config: StretchConfig, axes: Sequence[Axis], state_ttl_s: float) -> tuple[GateCheck, ...]:
-    """Return the gates in the order in which they are asked. How fast a goal is reached is bounded by
-    the profiles of boards and servos."""
+    """Return the gates in the order in which they are checked. Speed is not checked here: the profiles of
+    boards and servos limit it."""
     return (
         _soft_limits(axes),
         stale(axes, state_ttl_s),
         voltage(axes),
         temperature(axes),
         motor_fault(axes, FAULT_CODES),
-        _homed(axes),  # behind a servo without torque: whether it was reset is seen when it is energised
+        _homed(axes),  # after the torque of servos, because arming finds out whether a servo was reset
         _wheel_speeds(config, axes),
         _wheel_watchdog(axes),
     )
@@ -155,7 +157,7 @@ def _row(state: GateState, name: str, at: int, default: float) -> float:
 
 
 def _soft_limits(axes: Sequence[Axis]) -> GateCheck:
-    """Refuse a goal outside the soft limits that the joint has now."""
+    """Return a gate that refuses a goal outside the present soft limits of its joint."""
 
     def soft_limits(candidate: Candidate, state: GateState) -> Refused | None:
         for at in candidate.named:
@@ -180,7 +182,7 @@ def _soft_limits(axes: Sequence[Axis]) -> GateCheck:
 
 
 def _homed(axes: Sequence[Axis]) -> GateCheck:
-    """Refuse to move a joint that does not know where it is."""
+    """Return a gate that refuses to move a joint that does not know its position."""
 
     def homed(candidate: Candidate, state: GateState) -> Refused | None:
         for at in candidate.named:
@@ -198,8 +200,8 @@ def _twist(candidate: Candidate, axes: Sequence[Axis]) -> tuple[float, float]:
 
 
 def _wheel_speeds(config: StretchConfig, axes: Sequence[Axis]) -> GateCheck:
-    """Refuse a twist at which a wheel would run faster than it may: clamped, it would be another
-    twist."""
+    """Return a gate that refuses a twist at which a wheel would exceed its speed limit. A clamped speed would
+    change the twist."""
     most = config.parameters.wheel_m_s
 
     def wheel_speeds(candidate: Candidate, state: GateState) -> Refused | None:
@@ -218,7 +220,7 @@ def _wheel_speeds(config: StretchConfig, axes: Sequence[Axis]) -> GateCheck:
 
 
 def _wheel_watchdog(axes: Sequence[Axis]) -> GateCheck:
-    """Refuse to drive while a wheel would go on without us."""
+    """Return a gate that refuses to drive while the wheels have no watchdog."""
 
     def wheel_watchdog(candidate: Candidate, state: GateState) -> Refused | None:
         if not any(_twist(candidate, axes)) or state.observation.sensors.get("wheel_watchdog") == (1.0,):

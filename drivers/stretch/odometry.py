@@ -1,4 +1,4 @@
-"""Where a base with two wheels is, by what its wheels say. Pure."""
+"""Compute the pose of a base with two wheels from their positions. Pure: no I/O."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ START = Pose(0.0, 0.0, 0.0)
 
 
 def moved(pose: Pose, left_m: float, right_m: float, separation_m: float) -> Pose:
-    """Return the pose after the wheels have run so far, on an arc."""
+    """Return the pose after the wheels have moved so far, on an arc."""
     way_m, turn_rad = (left_m + right_m) / 2, (right_m - left_m) / separation_m
-    # the chord of the arc: sin(a/2)/(a/2) of the way, in the mean direction
+    # The chord of the arc is sin(a/2)/(a/2) of the way, in the mean direction.
     chord_m = way_m * (math.sin(turn_rad / 2) / (turn_rad / 2) if abs(turn_rad) > 1e-9 else 1.0)
     heading_rad = pose.yaw_rad + turn_rad / 2
     return Pose(
@@ -29,7 +29,7 @@ def moved(pose: Pose, left_m: float, right_m: float, separation_m: float) -> Pos
 
 
 class Odometry:
-    """Begins at zero with the first positions."""
+    """The pose of the base. It is zero at the first positions."""
 
     def __init__(self, separation_m: float) -> None:
         self._separation_m = separation_m
@@ -37,7 +37,7 @@ class Odometry:
         self.pose = START
 
     def take(self, left_m: float, right_m: float) -> Pose:
-        """Take the positions of the wheels."""
+        """Take the positions of the wheels, and return the pose."""
         if self._wheels_m is not None:
             before_left, before_right = self._wheels_m
             self.pose = moved(self.pose, left_m - before_left, right_m - before_right, self._separation_m)

@@ -1,8 +1,7 @@
-"""What the robot's own YAML says of it, as wire, gates and stop channel need it.
+"""Read the robot's own YAML into the parameters for wire, gates and stop channel.
 
-Two files in its fleet folder: ``stretch_configuration_params.yaml`` (its calibration) and
-``stretch_user_params.yaml``, which overrides it; both override what all robots of its model have in
-common.
+There are two files in its fleet folder: ``stretch_configuration_params.yaml`` (its calibration), and
+``stretch_user_params.yaml``, which overrides it. Both override the values that all robots of a model share.
 """
 
 from __future__ import annotations
@@ -25,7 +24,7 @@ PATH, ID = "HELLO_FLEET_PATH", "HELLO_FLEET_ID"
 
 
 class Motor(msgspec.Struct, frozen=True):
-    """One stepper. Contact: currents at which a guarded motion ends."""
+    """One stepper. The contact currents end a guarded motion."""
 
     usb: str
     gains: Gains
@@ -73,7 +72,7 @@ class Parameters(msgspec.Struct, frozen=True):
     right: Motor
     separation_m: float
     wheel_m_s: float
-    """What a wheel may run at."""
+    """Largest speed of a wheel."""
     pimu_usb: str
     pimu_config: tuple[float, ...]
     wrist: Chain
@@ -81,8 +80,7 @@ class Parameters(msgspec.Struct, frozen=True):
 
 
 def folder_of(environment: Mapping[str, str]) -> Path:
-    """Return the robot's fleet folder. Raise ``WireDown`` when the environment does not name
-    it."""
+    """Return the robot's fleet folder. Raise ``WireDown`` if the environment does not name it."""
     path, number = environment.get(PATH), environment.get(ID)
     if not path or not number:
         raise WireDown(
@@ -92,27 +90,34 @@ def folder_of(environment: Mapping[str, str]) -> Path:
 
 
 def read_folder(robot: str, folder: Path) -> Parameters:
-    """Raise ``WireDown`` for a folder that is not this robot's."""
-    import yaml  # for who has a robot: nothing else here reads YAML
+    """Read the parameters in a folder. Raise ``WireDown`` if it is not this robot's."""
+    import yaml  # Only a real robot needs it.
 
-    said: dict[str, Any] = {}
+    words: dict[str, Any] = {}
     for name in FILES:
         try:
-            found = yaml.safe_load((folder / name).read_text("utf-8"))
+            content = yaml.safe_load((folder / name).read_text("utf-8"))
         except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
             raise WireDown(f"{folder / name} cannot be read ({_first_line(error)}). Check {PATH}") from None
-        if found is not None and not isinstance(found, dict):
+        if content is not None and not isinstance(content, dict):
             raise WireDown(f"{folder / name} is no table. Restore the robot's own file")
-        said = merged(said, found or {})
+        words = merged(words, content or {})
     try:
-        return parameters_of(robot, said)
+        return parameters_of(robot, words)
     except ValueError as error:
         raise WireDown(f"{folder}: {error}") from None
 
 
 def parameters_of(robot: str, said: Mapping[str, Any] | None = None) -> Parameters:
-    """Return the parameters of a robot whose YAML says this; without: what its model has in common.
-    Raise ``ValueError`` for another robot, an unknown tool, and for what is missing or no number."""
+    """Return the parameters of a robot.
+
+    Args:
+        robot: Name of the robot.
+        said: Content of its YAML; None for the values that its model shares.
+
+    Raises:
+        ValueError: It is another robot or has an unknown tool, or a value is missing or no number.
+    """
     name = TABLES.canonical(robot)
     table, own = robot_of(name), dict(said or {})
     about = own.get("robot") or {}
@@ -132,7 +137,7 @@ def parameters_of(robot: str, said: Mapping[str, Any] | None = None) -> Paramete
 
 
 def _shipped_tool(robot: str) -> str:
-    """Return what a robot has whose YAML names no tool (nominal of hello-robot-stretch-body)."""
+    """Return the tool for a YAML that names no tool (nominal of hello-robot-stretch-body)."""
     return "tool_stretch_gripper" if robot == "stretch" else robot_of(robot).tool
 
 

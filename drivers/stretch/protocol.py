@@ -1,8 +1,8 @@
-"""What Stretch's boards are told and asked: calls and replies of steppers, power board (pimu) and
-wrist board (wacc). Pure.
+"""Encode and decode the calls and replies of Stretch's boards: steppers, power board (pimu) and wrist board (wacc).
+Pure: no I/O.
 
-Layouts differ by the protocol that the firmware's name ends with: ``Stepper.v0.5.1p5`` speaks
-``p5``. All numbers are little-endian.
+The firmware's name ends with its protocol: ``Stepper.v0.5.1p5`` speaks ``p5``. Layouts differ by the protocol. All
+numbers are little-endian.
 """
 
 from __future__ import annotations
@@ -15,11 +15,11 @@ from typing import Any, NamedTuple
 
 from strands_actors.drivers.common.malformed import MalformedFrame
 
-# -- who are you
+# -- identification
 
 
 class Kind(enum.StrEnum):
-    """A board's, as its firmware says it."""
+    """The kind of a board, as in its firmware's name."""
 
     STEPPER = "Stepper"
     PIMU = "Pimu"
@@ -27,11 +27,11 @@ class Kind(enum.StrEnum):
 
 
 BOARD_INFO = {Kind.STEPPER: 17, Kind.PIMU: 7, Kind.WACC: 7}
-"""The call, by kind."""
+"""The call for a board's names, by kind."""
 PROTOCOLS = {Kind.STEPPER: range(1, 6), Kind.PIMU: range(1, 7), Kind.WACC: range(1, 4)}
-"""Protocols whose layouts are known."""
+"""Protocols with known layouts, by kind."""
 OLDEST_V1 = (0, 4)
-"""Firmware that speaks transport V1."""
+"""Oldest firmware that speaks transport V1."""
 
 _NAME_BYTES = 20
 INFO_BYTES = 2 * _NAME_BYTES
@@ -47,23 +47,25 @@ class BoardInfo(NamedTuple):
 
     @property
     def hardware(self) -> int:
-        """Number of the hardware; 0: an older one, which has a longer name."""
+        """Return the number of the hardware; 0 for an older one, which has a longer name."""
         last = self.variant.rpartition(".")[2]
         return int(last) if last.isdecimal() else 0
 
 
 def board_info_reply(variant: str, firmware: str, stepper_type: int | None = None) -> bytes:
-    """``stepper_type``: of a stepper since protocol 5, behind its names."""
+    """Return the names of a board. A stepper since protocol 5 has its type behind them."""
     names = variant.encode().ljust(_NAME_BYTES, b"\0") + firmware.encode().ljust(_NAME_BYTES, b"\0")
     return names if stepper_type is None else names + bytes((stepper_type,))
 
 
 def parse_board_info(data: bytes) -> BoardInfo:
-    """Raise ``MalformedFrame``."""
+    """Decode the names of a board. Raise ``MalformedFrame``."""
     if not INFO_BYTES <= len(data) <= INFO_BYTES + 1:
         raise MalformedFrame(f"a board's name has {INFO_BYTES} or {INFO_BYTES + 1} bytes, this has {len(data)}")
     try:
-        variant, firmware = (data[at : at + _NAME_BYTES].rstrip(b"\0").decode("ascii") for at in (0, _NAME_BYTES))
+        variant, firmware = (
+            data[start : start + _NAME_BYTES].rstrip(b"\0").decode("ascii") for start in (0, _NAME_BYTES)
+        )
     except UnicodeDecodeError:
         raise MalformedFrame("a board's name is no text") from None
     match = _FIRMWARE.fullmatch(firmware)
@@ -93,7 +95,7 @@ class Mode(enum.IntEnum):
 
 
 AT_REST = (Mode.SAFETY, Mode.FREEWHEEL, Mode.HOLD)
-"""Modes in which a stepper goes nowhere by itself."""
+"""Modes in which a stepper does not start to move by itself."""
 
 
 class Diag(enum.IntFlag):
@@ -113,7 +115,7 @@ class Diag(enum.IntFlag):
 
 
 class Config(enum.IntFlag):
-    """Of the gains."""
+    """Flags of the gains."""
 
     SAFETY_HOLD = 1
     RUNSTOP = 2
@@ -125,8 +127,7 @@ class Config(enum.IntFlag):
 
 
 class Command(NamedTuple):
-    """``position``, ``velocity``, ``acceleration``: motor radians. Contact: currents at which a
-    guarded motion ends, A."""
+    """A command to a stepper, in motor radians. The contact currents (A) end a guarded motion."""
 
     mode: int
     position: float = 0.0
@@ -143,8 +144,8 @@ class Command(NamedTuple):
 
     @property
     def kind(self) -> str:
-        """What it means for the wire log. A stop is told from a setpoint of zero by its mode: a
-        twist runs with a profile, a stop without."""
+        """Return the kind for the wire log. The mode tells a stop from a setpoint of zero: a twist has a profile, a
+        stop has no profile."""
         if self.mode in AT_REST or (self.mode == Mode.VELOCITY and self.velocity == 0):
             return "safe"
         return "setpoint"
@@ -191,7 +192,7 @@ def pack_stepper_status(status: StepperStatus, protocol: int) -> bytes:
 
 
 def parse_stepper_status(data: bytes) -> StepperStatus:
-    """Raise ``MalformedFrame``, also for a number that is none."""
+    """Decode a status. Raise ``MalformedFrame``, also for a number that is not finite."""
     head, tail = data[: _STEPPER_STATUS.size], data[_STEPPER_STATUS.size :]
     voltage = _unpack(_FLOAT, tail, "a voltage") if tail else ()
     status = StepperStatus(*_unpack(_STEPPER_STATUS, head, "a stepper's status"), *voltage)
@@ -203,7 +204,7 @@ GAINS_ORDER = (
     "iMax_pos", "iMax_neg", "phase_advance_d", "pos_near_setpoint_d", "vel_near_setpoint_d", "vel_status_LPF",
     "effort_LPF", "safety_stiffness", "i_safety_feedforward",
 )  # fmt: skip
-"""As on the wire, in the words of the robot's YAML; behind them ``Config`` and ``voltage_LPF``."""
+"""Order on the wire, in the words of the robot's YAML. ``Config`` and ``voltage_LPF`` follow."""
 _CONFIG_WORDS = {
     "safety_hold": Config.SAFETY_HOLD,
     "enable_runstop": Config.RUNSTOP,
@@ -234,9 +235,13 @@ def gains_bytes(protocol: int) -> int:
 
 
 def gains_of(words: Mapping[str, Any]) -> Gains:
-    """Return the gains of a motor's YAML. Sync mode is left out: a command takes effect when it
-    arrives, not at the next pulse. Raise ``KeyError`` and ``ValueError`` for what is missing or no
-    number."""
+    """Return the gains of a motor's YAML. Sync mode is left out, so that a command takes effect when it
+    arrives, and not at the next pulse.
+
+    Raises:
+        KeyError: A gain is missing.
+        ValueError: A gain is no number.
+    """
     config = sum(bit for word, bit in _CONFIG_WORDS.items() if words[word] and bit is not Config.SYNC)
     return Gains(tuple(float(words[name]) for name in GAINS_ORDER), config, float(words["voltage_LPF"]))
 
@@ -262,7 +267,7 @@ _LIMITS = struct.Struct("<ff")
 
 
 def motion_limits(low: float, high: float) -> bytes:
-    """Motor radians."""
+    """Return the call that sets the limits of motion, in motor radians."""
     return bytes((MOTION_LIMITS,)) + _LIMITS.pack(low, high)
 
 
@@ -278,7 +283,7 @@ RUNSTOP_RESET, RUNSTOP_ON, CLIFF_RESET = 2, 256, 4
 
 
 class State(enum.IntFlag):
-    """Of the power board."""
+    """Flags of the power board."""
 
     RUNSTOP = 16
     CLIFF = 32
@@ -309,11 +314,11 @@ class PimuStatus(NamedTuple):
 
     @property
     def voltage_v(self) -> float:
-        """0 to 20 V at a 10-bit converter."""
+        """Return the voltage: 0 to 20 V at a 10-bit converter."""
         return self.voltage * 20.0 / 1024
 
     def current_a(self, hardware: int) -> float:
-        """By an electronic fuse since hardware 3, by a shunt before."""
+        """Return the current. Hardware since 3 measures it by an electronic fuse, older by a shunt."""
         return self.current * 3.3 / 1024 / (0.224 if hardware >= 3 else 0.408)
 
 
@@ -335,7 +340,7 @@ def pack_pimu_status(status: PimuStatus, protocol: int) -> bytes:
 
 
 def parse_pimu_status(data: bytes) -> PimuStatus:
-    """Raise ``MalformedFrame``."""
+    """Decode a status of the power board. Raise ``MalformedFrame``."""
     numbers = list(_unpack(_PIMU_STATUS, data[: _PIMU_STATUS.size], "the power board's status"))
     fields: list[Any] = []
     for size in _SHAPE:
@@ -360,15 +365,19 @@ PIMU_CONFIG_ORDER = (
     "mag_softiron_matrix", "gyro_zero_offsets", "rate_gyro_vector_scale", "gravity_vector_scale", "accel_LPF",
     "bump_thresh", "low_voltage_alert", "high_current_alert", "over_tilt_alert",
 )  # fmt: skip
-"""As on the wire, in the words of the robot's YAML."""
+"""Order on the wire, in the words of the robot's YAML."""
 _FLAGS = range(9, 14)
 _STOP_AT_RUNSTOP = 10
-"""Place in the packed row."""
+"""Index in the packed row."""
 
 
 def pimu_config(words: Mapping[str, Any]) -> tuple[float, ...]:
-    """Return the configuration of the power board as a row. Raise ``KeyError`` and ``ValueError``
-    for what is missing or no number."""
+    """Return the configuration of the power board as a row.
+
+    Raises:
+        KeyError: A value is missing.
+        ValueError: A value is no number.
+    """
     row: list[float] = []
     for name in PIMU_CONFIG_ORDER:
         value = words[name]
@@ -383,7 +392,7 @@ def pimu_config_call(row: Sequence[float]) -> bytes:
 
 
 def stops_at_runstop(data: bytes) -> bool:
-    """Whether a configuration on the wire has the runstop stop the motors."""
+    """Return True if the runstop stops the motors by this configuration."""
     return bool(_unpack(_PIMU_CONFIG, data, "a configuration of the power board")[_STOP_AT_RUNSTOP])
 
 
@@ -395,7 +404,7 @@ WACC_STATUS_BYTES = _WACC_STATUS.size
 
 
 def pack_wacc_status(acceleration: tuple[float, float, float], timestamp_us: int) -> bytes:
-    """What the wrist's accelerometer says; nothing is plugged into its inputs."""
+    """Return a status of the wrist board: its accelerometer, with nothing plugged into its inputs."""
     return _WACC_STATUS.pack(*acceleration, 0, 0, 0, 0, 0, 0, 0, timestamp_us, 0)
 
 
@@ -406,6 +415,6 @@ def _unpack(layout: struct.Struct, data: bytes, what: str) -> tuple[Any, ...]:
 
 
 def _finite(status: StepperStatus, numbers: Sequence[float], what: str) -> StepperStatus:
-    if any(number - number != 0 for number in numbers):  # neither infinite nor NaN
+    if any(number - number != 0 for number in numbers):  # true for infinity and NaN
         raise MalformedFrame(f"{what} has a number that is none")
     return status

@@ -1,4 +1,4 @@
-"""The newest that boards and chains report, and the ``Observation`` made of it."""
+"""Keep the newest reports of boards and chains, and make an ``Observation`` of them."""
 
 from __future__ import annotations
 
@@ -12,16 +12,16 @@ from .config import ARM, BASE, LEFT, LIFT, PIMU, RIGHT, StretchConfig
 from .odometry import Odometry
 
 SERVO_ROWS = ("voltage_v", "voltage_min_v", "voltage_max_v", "temperature_c", "temperature_max_c")
-"""Sensors of the chains, as a servo's gates take them; NaN for an axis that is no servo."""
+"""Sensors of the chains, as the gates of servos take them. NaN for an axis without a servo."""
 
 
 CONTACT, UNHELD = "contact", "safety mode"
-"""Words in ``faults`` of lift and arm, of one that we have energised: it has met something, at which
-its board stopped it; or its board is in its safety mode though no runstop is pressed."""
+"""Words in ``faults`` of an energised lift or arm. ``CONTACT``: its board has stopped it at a contact.
+``UNHELD``: its board is in its safety mode although no runstop is pressed."""
 
 
 class Readings:
-    """``homed`` and ``limits``: by joint; limits are those of now."""
+    """The readings. ``homed`` and ``limits`` are by joint; limits are the present ones."""
 
     def __init__(self, config: StretchConfig, pimu_hardware: int) -> None:
         self._config = config
@@ -29,17 +29,22 @@ class Readings:
         self._steppers: dict[str, p.StepperStatus] = {}
         self._pimu: p.PimuStatus | None = None
         self._stamp_ns: dict[str, int] = {}
-        self._silent_since_ns: dict[str, int] = {}  # of those that did not answer when last asked
-        self._held: set[str] = set()  # steppers that were energised, until they are let go of
-        self._met: set[str] = set()  # of these: who has met something since
+        self._silent_since_ns: dict[str, int] = {}  # boards that did not answer the last call
+        self._held: set[str] = set()  # steppers that were energised and not released since
+        self._met: set[str] = set()  # those of them that have reported a contact since
         self._odometry = Odometry(config.parameters.separation_m)
         self.limits: dict[str, tuple[float, float]] = {}
         self.homed: dict[str, bool] = {}
         self.has_watchdog = False
 
     def stepper(self, board: str, status: p.StepperStatus | None, now_ns: int) -> bool:
-        """Take what a stepper reports; False: it was reset, its clock began anew. A report with an
-        old time of the board's is none: it may have been on its way since its firmware hung."""
+        """Take the status of a stepper.
+
+        A report with an unchanged time of the board counts as missing: its firmware may hang.
+
+        Returns:
+            False if the board was reset, because its clock started anew.
+        """
         before = self._steppers.get(board)
         if status is None or not self._is_new(board, status, before, now_ns):
             self._silent_since_ns.setdefault(board, now_ns)
@@ -50,7 +55,7 @@ class Readings:
         return before is None or status.timestamp_us > before.timestamp_us
 
     def holds(self, board: str, status: p.StepperStatus, now_ns: int) -> None:
-        """Take what a stepper reports that was just energised: what it met before is over."""
+        """Take the status of a stepper that was just energised. Earlier contacts no longer count."""
         self.stepper(board, status, now_ns)
         self._held.add(board)
         self._met.discard(board)
@@ -59,7 +64,7 @@ class Readings:
         self._held.clear()
 
     def pimu(self, status: p.PimuStatus | None, now_ns: int) -> bool:
-        """Take what the power board reports; False, and what is no report: as of a stepper."""
+        """Take the status of the power board, as ``stepper`` does. Return False if it was reset."""
         before = self._pimu
         if status is None or not self._is_new(PIMU, status, before, now_ns):
             self._silent_since_ns.setdefault(PIMU, now_ns)
@@ -74,7 +79,7 @@ class Readings:
         before: p.StepperStatus | p.PimuStatus | None,
         now_ns: int,
     ) -> bool:
-        """Note that a board was heard, if it was: with another time of its own than before."""
+        """Note the arrival of a report. Return False if the board's time has not changed."""
         if before is not None and status.timestamp_us == before.timestamp_us:
             return False
         self._silent_since_ns.pop(board, None)
@@ -147,7 +152,7 @@ class Readings:
         }
 
     def _joints(self) -> dict[str, tuple[float, ...]]:
-        """Rows in the order of the axes; the base has no limits, and nothing to home."""
+        """Return rows in the order of the axes. The base has no limits, and needs no homing."""
         axes = self._config.axes
         anywhere = (-math.inf, math.inf)
         homed = {**self.homed}
@@ -166,7 +171,7 @@ class Readings:
         for board in self._silent_since_ns:
             for axis in axes_of[board]:
                 words.setdefault(axis, []).append("silent")
-        return {axis: told for axis, all_ in words.items() if (told := ", ".join(filter(None, all_)))}
+        return {axis: text for axis, all_ in words.items() if (text := ", ".join(filter(None, all_)))}
 
     def _word_of(self, joint: str) -> str:
         status = self._steppers.get(joint)
@@ -177,14 +182,14 @@ class Readings:
 
 
 def _met_between(before: p.StepperStatus | None, now: p.StepperStatus) -> bool:
-    """Whether a stepper that follows a goal had met something, and was told a new goal before that
-    was read: at a goal its board counts contacts alone, else also what it holds against."""
+    """Return True if a stepper met a contact, and got a new goal before that was read. While it follows a goal,
+    its board counts only contacts. In other modes it also counts the forces against which it holds."""
     follows = before is not None and before.mode == now.mode == p.Mode.POSITION_PROFILE
     return follows and before is not None and now.contacts != before.contacts
 
 
 def _servos(chains: Sequence[Observation]) -> dict[str, tuple[float, ...]]:
-    """What the servos report of themselves, a row over all axes: of those without a servo NaN."""
+    """Return the servos' own sensors, as rows over all axes. NaN for an axis without a servo."""
     rows = {}
     for name in SERVO_ROWS:
         parts = [chain.sensors.get(name, (math.nan,) * len(chain.position)) for chain in chains]

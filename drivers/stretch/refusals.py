@@ -1,4 +1,4 @@
-"""Refusals of this wire alone."""
+"""Refusal codes that only this wire uses."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The robots of this wire, as data: ``robots.toml`` and ``nominal.toml``."""
+"""The robots of this wire as data (``robots.toml`` and ``nominal.toml``)."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ class Tool(msgspec.Struct, frozen=True):
 
 
 class Robot(msgspec.Struct, frozen=True):
-    """One table."""
+    """The table of one robot."""
 
     model_name: str
     tool: str
@@ -36,12 +36,12 @@ class Robot(msgspec.Struct, frozen=True):
 
 @cache
 def robot_of(name: str) -> Robot:
-    """Raise ``ValueError`` for a robot that is not of this wire."""
+    """Return a robot's table. Raise ``ValueError`` if the robot is not of this wire."""
     return msgspec.convert(TABLES.table(name), Robot)
 
 
 def nominal_of(name: str) -> dict[str, Any]:
-    """Return what all robots of a model have in common, in the words of the robot's YAML."""
+    """Return the values that all robots of a model share, in the words of the robot's YAML."""
     return merged(_common(), robot_of(name).nominal)
 
 
@@ -51,10 +51,10 @@ def _common() -> dict[str, Any]:
 
 
 def merged(below: Mapping[str, Any], above: Mapping[str, Any]) -> dict[str, Any]:
-    """Return both, table by table; where both say something, ``above`` does."""
+    """Return both tables merged. Where both have a value, ``above`` wins."""
     whole = copy.deepcopy(dict(below))
     for key, value in above.items():
-        found = whole.get(key)
-        both = isinstance(found, dict) and isinstance(value, Mapping)
-        whole[key] = merged(found or {}, value) if both else copy.deepcopy(value)
+        lower = whole.get(key)
+        both = isinstance(lower, dict) and isinstance(value, Mapping)
+        whole[key] = merged(lower or {}, value) if both else copy.deepcopy(value)
     return whole

@@ -1,10 +1,10 @@
-"""Making each board safe, and proving it: for the wire, and for the root's stop channel.
+"""Bring each board to its safe state, and prove it. The wire and the root's stop channel use this.
 
-A frame that the board obeys whatever it did before goes out at once; then it is asked how it
-stands, and told again until it says so. Its first report proves nothing: it may be from before the
-board took the frame, or from one that hangs. By the next its clock has gone on.
+The first frame leaves at once, and a board obeys it in any state. Then the board is read, and gets the frame
+again until it reports the safe state. Its first report proves nothing. It may be from before the board took the
+frame, or from a board that hangs. In the next report the board's clock has advanced.
 
-``wheels``      velocity zero, without a profile; when the wheel stands: hold
+``wheels``      velocity zero, without a profile; hold once the wheel stands
 ``lift, arm``   hold
 ``pimu``        the runstop, for an e-stop only: the boards then stop by themselves
 """
@@ -23,22 +23,22 @@ from .board import Board
 from .config import BOARDS, LEFT, PIMU, RIGHT, STEPPERS, StretchConfig
 
 CONFIRM_S = 1.0
-"""Longest that a board may take to say that it is safe."""
+"""Longest time until a board reports that it is safe."""
 LOOK_S = 0.005
-"""Between two looks."""
+"""Pause between two reports."""
 STANDS_RAD_S = 0.2
-"""Of a wheel's motor: 3 mm/s, below which it is held where it is [assumed]."""
+"""Speed of a wheel's motor (3 mm/s) below which it is held where it is [assumed]."""
 
 WHEELS = (LEFT, RIGHT)
 
 
 def boards_for(safe_state: SafeState) -> tuple[str, ...]:
-    """Return the boards that have to do something for a safe state."""
+    """Return the boards that take part in a safe state."""
     return BOARDS if safe_state == SafeState.STOP else STEPPERS
 
 
 def number_of(board: str) -> int:
-    """Return the number by which reports and the twin know a board."""
+    """Return the number of a board in reports and in the twin."""
     return BOARDS.index(board) + 1
 
 
@@ -47,14 +47,14 @@ def unreachable(board: str, why: str) -> MotorReport:
 
 
 async def make_safe(board: Board, config: StretchConfig, within_s: float = CONFIRM_S) -> MotorReport:
-    """Bring a board to rest, and see it there. Never raises; the first frame leaves before the
-    first wait."""
+    """Bring a board to rest, and read back that it is. Never raises. The first frame leaves before the first
+    wait."""
     kind = _Runstop if board.name == PIMU else _Wheel if board.name in WHEELS else _Joint
     return await kind(board, config).run(within_s)
 
 
 class _Safing(ABC):
-    """``first``: what it is told at once."""
+    """The procedure for one board. ``first`` is the frame that leaves at once."""
 
     first: bytes
 
@@ -62,15 +62,15 @@ class _Safing(ABC):
         self._board = board
         self._written = self._acknowledged = False
         self._detail = "silent"
-        self._first_us: int | None = None  # the board's own time of what was heard first
+        self._first_us: int | None = None  # board's own time in its first report
 
     @abstractmethod
     async def look(self) -> tuple[bytes, str] | None:
-        """Return what to tell it next and why it is not safe; the latter empty: it is. None: it is
-        not heard."""
+        """Read the board. Return the next frame, and why the board is not safe (empty if it is). None if it
+        does not answer."""
 
     def old(self, report_us: int) -> str:
-        """Return why a report of the board's own time proves nothing; empty: it does."""
+        """Return why a report with this time of the board proves nothing; empty if it does prove."""
         if self._first_us is None:
             self._first_us = report_us
         return "reports nothing new" if report_us == self._first_us else ""
@@ -88,13 +88,13 @@ class _Safing(ABC):
         return MotorReport(name, number_of(name), self._written, self._acknowledged, is_safe, self._detail)
 
     async def _step(self) -> None:
-        """Look; where it is not safe, tell it again."""
-        found = await self.look()
-        if found is None:
+        """Read the board, and send a frame again if it is not safe."""
+        result = await self.look()
+        if result is None:
             self._board.send(self.first)
             return
         self._acknowledged = True
-        again, self._detail = found
+        again, self._detail = result
         if self._detail:
             self._board.send(again)
             await trio.sleep(LOOK_S)

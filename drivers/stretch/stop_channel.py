@@ -1,9 +1,8 @@
-"""The root's way to a Stretch: a duplicate of the wire's descriptor for each board and each chain;
-where that is dead, the port opened anew.
+"""The root's stop channel to a Stretch: a duplicate of the wire's descriptor for each board and each chain. If
+one is dead, the port is opened anew.
 
-Nothing is asked before the first frames leave, and none of them needs to know where a joint is: the
-wheels stand, lift and arm hold, the servos are held where they are. One board that is not there
-keeps no other from being stopped.
+Nothing is read before the first frames leave, and no frame depends on a position: the wheels stand, lift and
+arm hold, and the servos are held where they are. A missing board does not delay the stop of the others.
 """
 
 from __future__ import annotations
@@ -59,7 +58,8 @@ class BoardStopChannel(DuplicateDescriptor[StretchConfig, Board]):
 
 
 class StretchStopChannel(StopChannel):
-    """``descriptors``: of all boards, then of the chains, as the wire hands them over; or none."""
+    """The stop channel. ``descriptors`` are those of all boards, then of the chains, as from ``handover``; or
+    none."""
 
     def __init__(
         self,
@@ -93,8 +93,8 @@ class StretchStopChannel(StopChannel):
     async def make_safe(self, safe_state: SafeState) -> tuple[MotorReport, ...]:
         boards = [self._boards[name] for name in boards_for(safe_state)]
         channels: list[StopChannel] = [*boards, *self._chains]
-        told = await together(*(partial(channel.make_safe, safe_state) for channel in channels))
-        return tuple(report for reports in told for report in reports)
+        reports = await together(*(partial(channel.make_safe, safe_state) for channel in channels))
+        return tuple(report for each in reports for report in each)
 
     def close(self) -> None:
         for channel in self._all:

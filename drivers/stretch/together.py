@@ -1,4 +1,4 @@
-"""Several boards at once: each on its port, none waits for another."""
+"""Call several boards at once. Each is on its own port, so no call waits for another."""
 
 from __future__ import annotations
 
@@ -13,20 +13,20 @@ T = TypeVar("T")
 
 
 async def together(*calls: Callable[[], Awaitable[T]]) -> list[T]:
-    """Return the results, in the order of the calls. Raise the first ``WireDown`` when all have
-    ended, so that no call is cut short by another's failure."""
+    """Return the results in the order of the calls. Raise the first ``WireDown`` when all have ended, so that no
+    failure cancels another call."""
     results: dict[int, T] = {}
     failures: list[WireDown] = []
 
-    async def run(at: int, call: Callable[[], Awaitable[T]]) -> None:
+    async def run(index: int, call: Callable[[], Awaitable[T]]) -> None:
         try:
-            results[at] = await call()
+            results[index] = await call()
         except WireDown as down:
             failures.append(down)
 
     async with trio.open_nursery() as nursery:
-        for at, call in enumerate(calls):
-            nursery.start_soon(run, at, call)
+        for index, call in enumerate(calls):
+            nursery.start_soon(run, index, call)
     if failures:
         raise failures[0]
-    return [results[at] for at in range(len(calls))]
+    return [results[index] for index in range(len(calls))]

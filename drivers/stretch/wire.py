@@ -1,10 +1,10 @@
-"""A Stretch in the wire process: five boards and two chains of servos, each on a port of its own, all
-asked at once.
+"""The wire of a Stretch, in the wire process: five boards and two chains of servos, each on its own port, all
+called at once.
 
-A setpoint goes to what its action names. The wheels' velocity is sent again while it lives, which
-is what their firmware's watchdog needs; lift, arm and servos go to a goal by profiles of their own.
-Lift and arm are told a goal once: to a board that has stopped at a contact, the same goal is a new
-command, by which it would push again.
+A setpoint goes to the axes that its action names. The wheels' velocity is repeated while it is in force,
+because their firmware's watchdog needs that. Lift, arm and servos move to a goal by their own profiles. Lift
+and arm get a goal once. To a board that has stopped at a contact, the same goal would be a new command, and it
+would push again.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ from .together import together
 OLD_S = 0.3
 """How long a stop is tried on ports that count as lost, before they are opened anew."""
 QUIET_LOOK_S = 0.02
-"""How often it is looked whether a board that missed an answer may be told again."""
+"""Period of the check whether a board that missed an answer may get the call again."""
 
 
 class StretchWire(Wire):
@@ -50,7 +50,7 @@ class StretchWire(Wire):
         self._chains: list[ChainWire] = []
         self._readings = Readings(config, 0)
         self._armed = False
-        self._goals: dict[str, p.Command] = {}  # of lift and arm: what they have acknowledged and go to
+        self._goals: dict[str, p.Command] = {}  # acknowledged goals of lift and arm
 
     # -- the link
 
@@ -80,13 +80,12 @@ class StretchWire(Wire):
                 for name, stored in zip((LEFT, RIGHT), flash, strict=True)
             },
             "servos": {
-                chain.config.port: told for chain, told in zip(self._chains, facts[len(BOARDS) :], strict=True)
+                chain.config.port: fact for chain, fact in zip(self._chains, facts[len(BOARDS) :], strict=True)
             },
         }
 
     async def _set_up(self, board: Board) -> dict[str, Any]:
-        """Gains and limits of the robot's YAML, as its own software sets them when it starts.
-        Nothing of that moves anything."""
+        """Set gains and limits of the robot's YAML, as its own software does at its start. This moves nothing."""
         if board.name == PIMU:
             await board.identify(p.Kind.PIMU)
             await board.must(p.pimu_config_call(self._config.parameters.pimu_config), "its configuration")
@@ -103,8 +102,8 @@ class StretchWire(Wire):
         return p.motion_limits(low_m * scale, high_m * scale)
 
     async def _flash_watchdog(self, board: Board) -> bool:
-        """Whether the velocity watchdog is among the gains in flash, which hold after a reset of
-        the board; those that hold now were acknowledged."""
+        """Return True if the gains in flash have the velocity watchdog. They hold after a reset of the board. The
+        present gains were acknowledged before."""
         data = await board.ask(p.FLASH_GAINS, wait=True)
         if data is None:
             raise WireDown(f"{board.name} does not tell its gains in flash. Check its cable and power")
@@ -190,7 +189,7 @@ class StretchWire(Wire):
     # -- commanding
 
     async def arm(self, permit: Permit) -> Observation:
-        """Hold everything where it is."""
+        """Hold every axis where it is."""
         self._check_open()
         seen = await self.read()
         if "runstop" not in seen.sensors:
@@ -211,13 +210,15 @@ class StretchWire(Wire):
         statuses = await together(*(partial(self._boards[name].stepper_status, wait=True) for name in STEPPERS))
         for name, status in zip(STEPPERS, statuses, strict=True):
             if status is None or status.mode != p.Mode.HOLD:
-                found = "nothing" if status is None else f"mode {status.mode}"
-                raise WireDown(f"arm: {name} was told to hold and reports {found}. Check its cable and the runstop")
+                reported = "nothing" if status is None else f"mode {status.mode}"
+                raise WireDown(
+                    f"arm: {name} was told to hold and reports {reported}. Check its cable and the runstop"
+                )
             self._readings.holds(name, status, self._clock.now_ns())
 
     async def write(self, values: tuple[float, ...], permit: Permit) -> None:
-        """To what the action names; every frame leaves at once. Then lift and arm are heard: who does
-        not acknowledge a goal is told it again with the next re-send."""
+        """Write a setpoint to the named axes. Every frame leaves at once. Then the acknowledgements of lift and
+        arm are awaited. A board without one gets its goal again with the next re-send."""
         self._check_open()
         if not self._armed:
             raise PermitDenied("not armed")
@@ -228,9 +229,9 @@ class StretchWire(Wire):
         if any(axis in named for axis in BASE):
             for wheel, speed_m_s in zip((LEFT, RIGHT), config.wheels(target["vx"], target["wz"]), strict=True):
                 self._boards[wheel].send(config.drive(wheel, speed_m_s).call())
-        wanted = {joint: config.goal(joint, target[joint]) for joint in (LIFT, ARM) if joint in named}
-        told = {joint: goal for joint, goal in wanted.items() if self._goals.get(joint) != goal}
-        for joint, goal in told.items():
+        goals = {joint: config.goal(joint, target[joint]) for joint in (LIFT, ARM) if joint in named}
+        sent = {joint: goal for joint, goal in goals.items() if self._goals.get(joint) != goal}
+        for joint, goal in sent.items():
             self._goals.pop(joint, None)
             self._boards[joint].tell(goal.call())
         for chain in self._chains:
@@ -238,11 +239,11 @@ class StretchWire(Wire):
                 await chain.write(tuple(target[axis.key] for axis in chain.axes), permit)
             else:
                 chain.go_on()
-        heard = await together(*(partial(self._boards[joint].was_told) for joint in told))
-        self._goals.update(row for row, was_told in zip(told.items(), heard, strict=True) if was_told)
+        acknowledged = await together(*(partial(self._boards[joint].was_told) for joint in sent))
+        self._goals.update(row for row, was_told in zip(sent.items(), acknowledged, strict=True) if was_told)
 
     async def perform(self, service: str, arguments: Mapping[str, Any], permit: Permit) -> dict[str, Any] | Refused:
-        """``set_soft_limits``: from now on; the firmware of lift and arm keeps them, too."""
+        """Set soft limits (``set_soft_limits``). The firmware of lift and arm gets them, too."""
         self._check_open()
         joint, low, high = str(arguments["joint"]), float(arguments["low"]), float(arguments["high"])
         permit.check()
@@ -252,7 +253,7 @@ class StretchWire(Wire):
         return {"joint": joint, "low": low, "high": high}
 
     async def _change(self, board: Board, call: bytes, permit: Permit) -> None:
-        """Tell a board beside ``read`` and ``write``, again until it acknowledges."""
+        """Send a call beside ``read`` and ``write``, until it is acknowledged."""
         with trio.move_on_after(ANSWER_S):
             while True:
                 try:
@@ -265,7 +266,7 @@ class StretchWire(Wire):
     # -- safe
 
     async def make_safe(self, safe_state: SafeState) -> tuple[MotorReport, ...]:
-        """Every board at once. After a hold, for a late writer, the robot is ready as before."""
+        """Stop all boards at once. After a hold for a late writer, the robot stays armed."""
         self._goals = {}
         if safe_state == SafeState.STOP:
             self._armed = False
@@ -276,23 +277,23 @@ class StretchWire(Wire):
         return await self._stop(safe_state)
 
     async def _stop(self, safe_state: SafeState, within_s: float = CONFIRM_S) -> tuple[MotorReport, ...]:
-        told: list[MotorReport] = []
+        reports: list[MotorReport] = []
 
         async def stop_board(name: str) -> None:
-            told.append(await make_safe(self._boards[name], self._config, within_s))
+            reports.append(await make_safe(self._boards[name], self._config, within_s))
 
         async def stop_chain(chain: ChainWire) -> None:
-            told.extend(await chain.make_safe(safe_state))
+            reports.extend(await chain.make_safe(safe_state))
 
         async with trio.open_nursery() as nursery:
             for name in boards_for(safe_state):
                 nursery.start_soon(stop_board, name)
             for chain in self._chains:
                 nursery.start_soon(stop_chain, chain)
-        return tuple(sorted(told, key=lambda report: report.id))
+        return tuple(sorted(reports, key=lambda report: report.id))
 
     async def reach(self, safe_state: SafeState) -> tuple[MotorReport, ...]:
-        """On the ports that count as lost, then on all of them opened anew."""
+        """Stop on the ports that count as lost, then on all ports opened anew."""
         if self._boards:
             with trio.move_on_after(OLD_S):
                 reports = await self._stop(safe_state, OLD_S)

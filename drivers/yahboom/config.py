@@ -1,4 +1,4 @@
-"""What the wire and the stop channel of an M3 Pro know of it."""
+"""The configuration that the wire and the stop channel of an M3 Pro share."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ MAX_DOMAIN = 232
 
 
 def domain_of_environment() -> int:
-    """Return ``ROS_DOMAIN_ID``, else ``DOMAIN``. Raise ``WireDown`` for what is none."""
+    """Return ``ROS_DOMAIN_ID``, else ``DOMAIN``. Raise ``WireDown`` for an invalid value."""
     text = os.environ.get("ROS_DOMAIN_ID") or str(DOMAIN)
     if not text.isdecimal() or int(text) > MAX_DOMAIN:
         raise WireDown(f"ROS_DOMAIN_ID is {text!r}. Give 0..{MAX_DOMAIN}, or unset it for {DOMAIN}")
@@ -45,6 +45,5 @@ class YahboomConfig(msgspec.Struct, frozen=True):
     servos: tuple[Servo, ...]
 
     def address(self) -> tuple[str, int]:
-        """Return host and port of rosbridge. Raise ``ValueError`` for a ``port`` that is no
-        address."""
+        """Return host and port of rosbridge. Raise ``ValueError`` for an invalid ``port``."""
         return parse_address(self.port.removeprefix("ws://").removesuffix("/") or DEFAULT_HOST, PORT)

@@ -1,8 +1,7 @@
-"""The root's way to a base over ROS 2: zero to ``/cmd_vel`` and what ``/odom_raw`` says, on DDS's
-own wire.
+"""The root's link to a base over ROS 2: it writes zero to ``/cmd_vel`` and reads ``/odom_raw``, by DDS.
 
-rclpy can hang, and must not be in the root. So the root speaks RTPS itself, as one more participant
-of the robot's domain. It knows two topics. Nobody has seen this run on a robot.
+rclpy can hang, and must not be in the root. So the root speaks RTPS itself, as one more participant of the
+robot's domain. It uses two topics. This was never run on a robot.
 """
 
 from __future__ import annotations
@@ -27,10 +26,10 @@ TWIST_TOPIC, TWIST_TYPE = "rt/cmd_vel", "geometry_msgs::msg::dds_::Twist_"
 ODOMETRY_TOPIC, ODOMETRY_TYPE = "rt/odom_raw", "nav_msgs::msg::dds_::Odometry_"
 
 CDR = b"\0\1\0\0"
-"""Encapsulation of every payload: little endian CDR."""
+"""Encapsulation of every payload, little endian CDR."""
 
 LOOK_S = 0.01
-"""How often a wait looks at whether it is over."""
+"""Period at which a wait checks its condition."""
 
 _TWIST = struct.Struct("<6d")
 _STAMP = struct.Struct("<iI")
@@ -40,8 +39,14 @@ _COVARIANCE = 36 * 8
 
 
 class DdsLink:
-    """``address``: ours, and ``peers``: whom to look for by unicast; "" and none: as the
-    machine's routes say, and by multicast."""
+    """The link.
+
+    Args:
+        config: The robot.
+        clock: The clock of this process.
+        address: Our address; empty for the one of the machine's default route.
+        peers: Addresses to search by unicast; empty to search by multicast.
+    """
 
     def __init__(self, config: YahboomConfig, clock: Clock, address: str = "", peers: tuple[str, ...] = ()) -> None:
         self.news = News()
@@ -60,7 +65,7 @@ class DdsLink:
         await self.connect()
 
     async def connect(self) -> None:
-        """Join the domain and wait until the base listens."""
+        """Join the domain, and wait until the base subscribes."""
         if self._participant is None:
             address = self._address or own_address()
             try:
@@ -95,7 +100,8 @@ class DdsLink:
             raise WireDown(f"dds: nobody listens to {m.CMD_VEL}. Check the base")
 
     async def taken(self, within_s: float) -> None:
-        """Return when every reliable reader has acknowledged what was written."""
+        """Wait until every reliable reader has acknowledged all samples. Raise ``WireDown`` after
+        ``within_s`` seconds."""
         with trio.move_on_after(within_s):
             await self._until(lambda: self._writer.matched > 0 and self._writer.unacknowledged == 0)
             return
@@ -105,10 +111,10 @@ class DdsLink:
         before = self.news.odometry
         with trio.move_on_after(within_s):
             await self._until(lambda: self.news.odometry is not before)
-        told = self.news.odometry
-        if told is None or told is before:
+        newest = self.news.odometry
+        if newest is None or newest is before:
             raise WireDown(f"dds: no odometry within {within_s * 1e3:.0f} ms. Check the base")
-        return report_of(told)
+        return report_of(newest)
 
     def close(self) -> None:
         if self._participant is not None:
@@ -133,33 +139,32 @@ class DdsLink:
 
 
 def encode_twist(twist: m.Twist) -> bytes:
-    """Return a ``geometry_msgs/msg/Twist`` in CDR."""
+    """Encode a ``geometry_msgs/msg/Twist`` in CDR."""
     return _TWIST.pack(twist.x, twist.y, 0.0, 0.0, 0.0, twist.yaw)
 
 
 def decode_odometry(body: bytes) -> m.Odometry:
-    """Return a ``nav_msgs/msg/Odometry`` in little endian CDR, without its covariances. Raise
+    """Decode a ``nav_msgs/msg/Odometry`` in little endian CDR, without its covariances. Raise
     ``MalformedFrame``."""
     try:
         sec, nanosec = _STAMP.unpack_from(body)
-        at = _STAMP.size
+        offset = _STAMP.size
         for _ in ("frame_id", "child_frame_id"):
-            at += -at % 4
-            at += _LENGTH.size + _LENGTH.unpack_from(body, at)[0]
-        at += -at % 8
-        x_m, y_m, _, qx, qy, qz, qw = _POSE.unpack_from(body, at)
-        vx, vy, _, _, _, wz = _TWIST.unpack_from(body, at + _POSE.size + _COVARIANCE)
+            offset += -offset % 4
+            offset += _LENGTH.size + _LENGTH.unpack_from(body, offset)[0]
+        offset += -offset % 8
+        x_m, y_m, _, qx, qy, qz, qw = _POSE.unpack_from(body, offset)
+        vx, vy, _, _, _, wz = _TWIST.unpack_from(body, offset + _POSE.size + _COVARIANCE)
     except struct.error as error:
         raise MalformedFrame(f"Odometry: {error}") from None
     return m.Odometry(sec * 10**9 + nanosec, x_m, y_m, m.yaw_of(m.Quaternion(qx, qy, qz, qw)), m.Twist(vx, vy, wz))
 
 
 def own_address() -> str:
-    """Return our address on the way to other participants; the machine's own where it has no
-    network."""
+    """Return our address towards other participants; the loopback address without a network."""
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sock:
         try:
-            sock.connect(("239.255.0.1", 7400))  # where participants look for each other
+            sock.connect(("239.255.0.1", 7400))  # the address at which participants discover each other
         except OSError:
             return "127.0.0.1"
         address: str = sock.getsockname()[0]

@@ -1,9 +1,9 @@
-"""Yahboom ROSMASTER M3 Pro: a mecanum base with an arm of five servos and a gripper, over rosbridge
-or ROS 2.
+"""Declare the Yahboom ROSMASTER M3 Pro: a mecanum base with an arm of five servos and a gripper, over
+rosbridge or ROS 2.
 
-Safe, for whatever reason, is zero: the base stands, the arm keeps its last goal. A command lives
-300 ms, and the wheels' firmware zeroes by itself after about as long. After a late writer a new
-command may go on; after a stop only ``resume()`` lets it.
+The safe state is zero for every reason: the base stands, and the arm keeps its last goal. A command lives
+300 ms, and the wheels' firmware zeroes the base by itself after about as long. After a late writer a new
+command may continue. After a stop only ``resume()`` permits one.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ from .robots import ARM_JOINTS, BASE, TABLES, Servo, base_axes, servo_axes, tabl
 
 BY_ROS2 = "transport='ros2'"
 ROS2_SILENT_S = 3.0
-"""[assumed]"""
+"""Longest time that the import of rclpy may block the process [assumed]."""
 
 _DEGREES = {
     "type": "array",
@@ -104,7 +104,7 @@ class YahboomM3Pro(Driver):
     unit = "radians; base: m/s and rad/s"
     timing = Timing(
         control_hz=10.0,
-        keepalive_s=0.1,  # the firmware zeroes the base after 200 to 500 ms of silence
+        keepalive_s=0.1,  # the firmware zeroes the base after 200 to 500 ms without a command
         stream_ttl_s=LIFETIME_S,
         oneshot_ttl_s=LIFETIME_S,
         state_ttl_s=0.5,
@@ -136,13 +136,14 @@ class YahboomM3Pro(Driver):
         self._time_ms = read.move_time_ms
         self.config = YahboomConfig(self.robot, port, read.transport, read.timeout_s, self.axes, self.ids, servos)
         timing = type(self).timing
-        # the import of rclpy, and its first node, may keep the interpreter's lock
+        # The import of rclpy and its first node may keep the interpreter's lock.
         silent_s = ROS2_SILENT_S if read.transport == ROS2 else 0.0
         open_s = read.timeout_s + timing.handover_s + silent_s + 1.0
         self.timing = msgspec.structs.replace(timing, open_s=open_s, silent_s=silent_s)
         self.gates = all_gates(self.table, servos, timing.state_ttl_s)
         home = {servo.key: servo.radians(degrees) for servo, degrees in zip(servos, table.home_deg, strict=True)}
-        vars(self)["TOOL_VERBS"] = _verbs(home)  # home, in radians, follows from this robot's joint_signs
+        # The home pose in radians depends on this robot's joint_signs.
+        vars(self)["TOOL_VERBS"] = _verbs(home)
 
     def check_port(self) -> None:
         if self.config.transport == ROSBRIDGE:
@@ -156,12 +157,11 @@ class YahboomM3Pro(Driver):
         return parse(action, self.robot, self.table, self._index, state, self._time_ms)
 
     def as_json(self, values: Sequence[float]) -> dict[str, float]:
-        """Return a row by key, without what is not known: most of these robots do not report
-        their arm."""
+        """Return a row by key, without unknown values: most of these robots do not report their arm."""
         return {key: value for key, value in super().as_json(values[: len(self.axes)]).items() if value == value}
 
     def action_of(self, verb: ToolVerb, inputs: Mapping[str, Any]) -> dict[str, Any] | Refused:
-        """Translate the verbs that speak of servos in degrees, as scripts of strands-robots have them."""
+        """Translate the verbs that give servos in degrees, as scripts of strands-robots do."""
         servos = self._servos
         timed = {TIME: inputs[TIME]} if TIME in inputs else {}
         if verb.name == _SET_GRIPPER:
@@ -179,18 +179,20 @@ class YahboomM3Pro(Driver):
         return {**targets, TIME: max(1, round(1e3 * seconds))}
 
     def commanded(self, action: Mapping[str, Any], values: Sequence[float]) -> dict[str, Any]:
-        told: dict[str, Any] = {}
+        shown_target: dict[str, Any] = {}
         if values[ARM_MS]:
             arm = values[len(BASE) : len(self.axes)]
-            told["arm_deg"] = [servo.whole_degrees(rad) for servo, rad in zip(self._servos, arm, strict=True)]
-            told["time_ms"] = round(values[ARM_MS])
+            shown_target["arm_deg"] = [
+                servo.whole_degrees(rad) for servo, rad in zip(self._servos, arm, strict=True)
+            ]
+            shown_target["time_ms"] = round(values[ARM_MS])
         if values[DRIVES]:
-            told["twist"] = dict(zip(BASE, values, strict=False))
-        return told
+            shown_target["twist"] = dict(zip(BASE, values, strict=False))
+        return shown_target
 
 
 def _refuse_degrees(servos: Sequence[Servo], joints: Sequence[Any]) -> Refused | None:
-    """Return why these are not degrees of all servos; None: they are."""
+    """Return why these are not valid degrees of all servos; None if they are."""
     ranges = ", ".join(f"{servo.key} {servo.low_deg}..{servo.high_deg}" for servo in servos)
     remedy = f"give {len(servos)} servo angles in degrees: {ranges}"
     if len(joints) != len(servos):

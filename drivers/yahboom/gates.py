@@ -1,5 +1,5 @@
-"""What is refused before it reaches the wire, and how an action becomes a target. Pure; nothing
-is ever clipped."""
+"""Turn an action into a target, and refuse targets before they reach the wire. Pure: no I/O. Nothing is
+ever clipped."""
 
 from __future__ import annotations
 
@@ -19,15 +19,15 @@ from strands_actors.kernel.refusals import Code
 from .robots import BASE, Servo
 
 TIME = "time_ms"
-"""Key of an action beside the axes: how long the arm may take."""
+"""Key of an action beside the axes: the duration of the arm's motion, milliseconds."""
 
 MAX_TIME_MS = 30_000
 
 AXES = 9
 ARM_MS, ARM_AT, DRIVES = AXES, AXES + 1, AXES + 2
-"""Where what modifies a target stands, behind its axes: how long the arm may take (0: the action
-does not move it), which action that was (a time in seconds), and whether the base is commanded
-(1 or 0)."""
+"""Indices of the values behind a target's axes: the duration of the arm's motion in ms (0 if the action
+does not move the arm), the time of that action in seconds, which identifies it, and 1 if the base is
+commanded, else 0."""
 
 _NO_TIME = "give a whole number of milliseconds, 1 to 30000"
 
@@ -40,16 +40,25 @@ def parse(
     state: GateState,
     time_ms: int,
 ) -> Candidate | Refused:
-    """Return the whole target. ``time_ms``: what the arm takes when the action does not say so."""
-    wanted = {key: value for key, value in action.items() if key != TIME}
-    if not wanted and TIME in action:
+    """Return the whole target.
+
+    Args:
+        action: The action.
+        robot: Name of the robot, for refusals.
+        axes: Its axes.
+        index: Index of each axis by key.
+        state: The gate's state.
+        time_ms: Duration of the arm's motion if the action gives no ``time_ms``.
+    """
+    targets = {key: value for key, value in action.items() if key != TIME}
+    if not targets and TIME in action:
         return Refused(Code.NO_JOINT, f"{TIME} alone moves nothing", "name a joint of the arm with it", TIME)
     on_axes = msgspec.structs.replace(state, target=state.target[:AXES])
-    candidate = parse_twist(wanted, robot, axes, index, on_axes)
+    candidate = parse_twist(targets, robot, axes, index, on_axes)
     if isinstance(candidate, Refused):
         return candidate
-    moves_arm = any(at >= len(BASE) for at in candidate.named)
-    drives = candidate.until_ns > 0 or any(at < len(BASE) for at in candidate.named)
+    moves_arm = any(number >= len(BASE) for number in candidate.named)
+    drives = candidate.until_ns > 0 or any(number < len(BASE) for number in candidate.named)
     if TIME in action:
         given = finite(action[TIME])
         if given is None or given != int(given) or not 1 <= given <= MAX_TIME_MS:
@@ -63,12 +72,12 @@ def parse(
 
 
 def all_gates(axes: Sequence[Axis], servos: Sequence[Servo], state_ttl_s: float) -> tuple[GateCheck, ...]:
-    """Return the gates in the order in which they are asked: the first that refuses answers."""
+    """Return the gates in the order in which they are checked. The first refusal is the answer."""
     return silent(state_ttl_s), whole_arm(servos), servo_range(servos), past_range(axes)
 
 
 def silent(ttl_s: float) -> GateCheck:
-    """Refuse to command a robot whose odometry does not come."""
+    """Return a gate that refuses commands while no odometry arrives."""
     limit = f"{ttl_s * 1e3:.0f} ms"
 
     def silent(candidate: Candidate, state: GateState) -> Refused | None:
@@ -88,8 +97,8 @@ def silent(ttl_s: float) -> GateCheck:
 
 
 def whole_arm(servos: Sequence[Servo]) -> GateCheck:
-    """Refuse to move some servos of an arm whose others are nobody knows where: they are all
-    told at once, and what is not named would jump."""
+    """Return a gate that refuses to move some servos while the positions of others are unknown. All servos
+    are commanded together, so an unnamed one would jump."""
     keys = ", ".join(servo.key for servo in servos)
 
     def whole_arm(candidate: Candidate, state: GateState) -> Refused | None:
@@ -111,14 +120,14 @@ def whole_arm(servos: Sequence[Servo]) -> GateCheck:
 
 
 def servo_range(servos: Sequence[Servo]) -> GateCheck:
-    """Refuse an arm goal with a servo out of its range."""
+    """Return a gate that refuses an arm goal with a servo out of its range."""
 
     def servo_range(candidate: Candidate, state: GateState) -> Refused | None:
         if not candidate.values[ARM_MS]:
             return None
-        for at, servo in enumerate(servos, len(BASE)):
-            value = candidate.values[at]
-            degrees = servo.degrees(value) if at in candidate.named else float(servo.whole_degrees(value))
+        for index, servo in enumerate(servos, len(BASE)):
+            value = candidate.values[index]
+            degrees = servo.degrees(value) if index in candidate.named else float(servo.whole_degrees(value))
             low, high = servo.limits_rad
             if servo.low_deg - 1e-6 <= degrees <= servo.high_deg + 1e-6:
                 continue

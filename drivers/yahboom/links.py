@@ -1,6 +1,6 @@
-"""What the wire and the stop channel need of ROS: to publish at once, and the newest of each topic.
+"""The interface of a link to the robot's ROS topics: publish at once, and keep the newest of each topic.
 
-``rosbridge.RosbridgeLink`` is that over a WebSocket, ``ros2.Ros2Link`` with rclpy on the robot.
+``rosbridge.RosbridgeLink`` implements it over a WebSocket, ``ros2.Ros2Link`` with rclpy on the robot.
 """
 
 from __future__ import annotations
@@ -17,8 +17,8 @@ from .messages import IMU, JOINT_STATES, ODOMETRY, ArmGoal, Imu, Message, Odomet
 
 
 class News:
-    """The newest of each topic, and when it came (0: never); of odometry when it was new, by its
-    stamp."""
+    """The newest message of each topic and the time of its arrival (0 for never). For odometry it is the
+    time at which its stamp changed."""
 
     def __init__(self) -> None:
         self.odometry: Odometry | None = None
@@ -28,7 +28,7 @@ class News:
         self.joints_ns = 0
         self.nearest_m: dict[str, float] = {}  # by scan
         self.malformed = 0
-        self.taken = 0  # messages
+        self.taken = 0  # count of messages
 
     def take(self, topic: str, message: Message, now_ns: int) -> None:
         self.taken += 1
@@ -44,28 +44,27 @@ class News:
                 self.nearest_m[topic] = message
 
     def missing(self, now_ns: int) -> str:
-        """Return what odometry that is not new has not done: it comes, or it does not."""
+        """Return the verb that is missing: odometry that is not new does not come, or repeats its stamp."""
         return "changed its stamp" if self.odometry_stamps.repeats(now_ns) else "come"
 
 
 class RosLink(ReportingBase, Protocol):
-    """One way to the robot's topics. Everything but ``close`` raises ``WireDown``."""
+    """A link to the robot's topics. All methods but ``close`` raise ``WireDown``."""
 
     news: News
 
     async def open(self) -> dict[str, Any]:
-        """Connect, check topics and types, listen, wait for the first odometry. Return facts for
+        """Connect, check topics and types, subscribe, and wait for the first odometry. Return facts for
         ``status``."""
         ...
 
     async def hear(self) -> None:
-        """Keep ``news`` new, until cancelled."""
+        """Keep ``news`` up to date until cancelled."""
         ...
 
     @property
     def is_behind(self) -> bool:
-        """Whether so many commands have not been taken yet that another would be carried out
-        late."""
+        """True if so many commands are unacknowledged that another one would be carried out late."""
         ...
 
     def drive(self, twist: Twist) -> None:
@@ -77,17 +76,17 @@ class RosLink(ReportingBase, Protocol):
         ...
 
     def close(self) -> None:
-        """Throw the connection away. Harmless when called again."""
+        """Close the connection at once. It may be called again."""
         ...
 
 
 def report_of(told: Odometry) -> Report:
-    """Return what odometry says of the base as a whole."""
+    """Return the report of the base as a whole."""
     return Report(told.stamp_ns, stands(told.speed), ", ".join(f"{value:.3g}" for value in told.speed))
 
 
 async def look_until(clock: Clock, every_s: float, is_so: Callable[[], bool]) -> None:
-    """Return once it is so. The caller sets the deadline."""
+    """Wait until the condition is true. The caller sets the deadline."""
     async with aclosing(clock.ticks(every_s)) as ticks:
         async for _ in ticks:
             if is_so():

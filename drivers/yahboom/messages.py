@@ -1,7 +1,7 @@
-"""The ROS messages of an M3 Pro, as plain structs and in the JSON of rosbridge. Pure.
+"""The ROS messages of an M3 Pro, as plain structs and in the JSON of rosbridge. Pure: no I/O.
 
-A stop is written in whole numbers (``0``), a setpoint in fractions (``0.0``): to ROS they are the
-same, and the log of the wire tells a stop from a setpoint of zero.
+A stop is written in whole numbers (``0``), a setpoint in fractions (``0.0``). For ROS they are equal, but
+the log of the wire can tell a stop from a setpoint of zero.
 """
 
 from __future__ import annotations
@@ -23,17 +23,17 @@ JOINT_STATES = "/joint_states"
 SCANS = ("/scan0", "/scan1")
 
 COMMANDED: Mapping[str, str] = {CMD_VEL: "geometry_msgs/Twist", ARM: "arm_msgs/ArmJoints"}
-"""Topics that a robot of this wire must listen to, and their types."""
+"""Topics to which a robot of this wire must subscribe, and their types."""
 
 REPORTED: Mapping[str, str] = {ODOMETRY: "nav_msgs/Odometry"}
-"""Topics that it must report on: without them nobody could know whether it stands."""
+"""Topics that it must publish. Without them it is unknown whether the robot stands."""
 
 OPTIONAL: Mapping[str, str] = {
     IMU: "sensor_msgs/Imu",
     JOINT_STATES: "sensor_msgs/JointState",
     **dict.fromkeys(SCANS, "sensor_msgs/LaserScan"),
 }
-"""Topics that are heard where they are."""
+"""Topics that are read if the robot publishes them."""
 
 SERVOS = 6
 INT16 = 32767
@@ -115,7 +115,7 @@ class _Scan(msgspec.Struct, frozen=True):
 
 
 class Odometry(NamedTuple):
-    """Where the base is, and how fast, by its wheels."""
+    """Position and speed of the base, by its wheels."""
 
     stamp_ns: int  # the robot's clock
     x_m: float
@@ -125,7 +125,7 @@ class Odometry(NamedTuple):
 
 
 class Imu(NamedTuple):
-    """What the inertial unit measures."""
+    """A reading of the inertial unit."""
 
     orientation_wxyz: tuple[float, float, float, float]
     gyro_rad_s: tuple[float, float, float]
@@ -133,21 +133,21 @@ class Imu(NamedTuple):
 
 
 class ArmGoal(NamedTuple):
-    """Where the six servos are to be, and how long that is to take."""
+    """Goal of the six servos, and the duration of the motion."""
 
     degrees: tuple[int, ...]
     time_ms: int
 
 
 Message = Odometry | Imu | dict[str, float] | float
-"""What a topic tells: odometry, inertial unit, joints by name in radians, or the nearest thing
-of a scan in metres."""
+"""The content of a topic: odometry, inertial unit, joints by name in radians, or the nearest distance of a
+scan in metres."""
 
 Struct = TypeVar("Struct")
 
 
 def twist_message(twist: Twist, *, stop: bool = False) -> dict[str, Any]:
-    """Return a ``geometry_msgs/Twist``. ``stop``: zero in whole numbers, whatever the twist."""
+    """Return a ``geometry_msgs/Twist``. With ``stop`` it is zero in whole numbers, for any twist."""
     if stop:
         return {"linear": {"x": 0, "y": 0, "z": 0}, "angular": {"x": 0, "y": 0, "z": 0}}
     x, y, yaw = (float(value) for value in twist)
@@ -155,50 +155,49 @@ def twist_message(twist: Twist, *, stop: bool = False) -> dict[str, Any]:
 
 
 def arm_message(goal: ArmGoal) -> dict[str, int]:
-    """Return an ``arm_msgs/ArmJoints``. Raise ``ValueError`` for what is not six servos, or no
-    16-bit number."""
+    """Return an ``arm_msgs/ArmJoints``. Raise ``ValueError`` unless there are six servos and 16-bit
+    numbers."""
     if len(goal.degrees) != SERVOS or not all(0 <= value <= INT16 for value in (*goal.degrees, goal.time_ms)):
         raise ValueError(f"an arm goal of {goal.degrees} degrees in {goal.time_ms} ms")
-    return {**{f"joint{at}": value for at, value in enumerate(goal.degrees, 1)}, "time": goal.time_ms}
+    return {**{f"joint{number}": value for number, value in enumerate(goal.degrees, 1)}, "time": goal.time_ms}
 
 
 def read_twist(message: Mapping[str, Any]) -> tuple[Twist, bool]:
-    """Return a ``geometry_msgs/Twist`` and whether it is written as a stop. What is missing is
-    0, as in ROS. Raise ``MalformedFrame``."""
+    """Return a ``geometry_msgs/Twist``, and True if it is written as a stop. A missing number counts as 0,
+    as in ROS. Raise ``MalformedFrame``."""
     parts = [message.get(name, {}) for name in ("linear", "angular")]
     if not all(isinstance(part, Mapping) for part in parts):
         raise MalformedFrame("a Twist whose linear or angular is no vector")
     raw = [part.get(axis, 0) for part in parts for axis in "xyz"]
     numbers = [finite(value) for value in raw]
-    known = [number for number in numbers if number is not None]
-    if len(known) != len(numbers):
+    speeds = [number for number in numbers if number is not None]
+    if len(speeds) != len(numbers):
         raise MalformedFrame("a Twist with what is no finite number")
-    return Twist(known[0], known[1], known[5]), all(type(value) is int and value == 0 for value in raw)
+    return Twist(speeds[0], speeds[1], speeds[5]), all(type(value) is int and value == 0 for value in raw)
 
 
 def read_arm(message: Mapping[str, Any]) -> ArmGoal:
     """Return an ``arm_msgs/ArmJoints``. Raise ``MalformedFrame``."""
-    values = [message.get(name) for name in (*(f"joint{at}" for at in range(1, SERVOS + 1)), "time")]
+    values = [message.get(name) for name in (*(f"joint{number}" for number in range(1, SERVOS + 1)), "time")]
     if not all(type(value) is int and -INT16 - 1 <= value <= INT16 for value in values):
         raise MalformedFrame("an ArmJoints without six joints and a time, each an int16")
     return ArmGoal(tuple(int(value) for value in values[:SERVOS] if value is not None), int(values[-1] or 0))
 
 
 def read_report(topic: str, message: bytes | msgspec.Raw) -> Message:
-    """Return what a topic of ``REPORTED`` or ``OPTIONAL`` tells. Raise ``MalformedFrame``."""
+    """Return the content of a topic of ``REPORTED`` or ``OPTIONAL``. Raise ``MalformedFrame``."""
     if topic == ODOMETRY:
         return _odometry(_struct(_Odometry, message))
     if topic == IMU:
         return _imu(_struct(_Imu, message))
     if topic == JOINT_STATES:
-        told = _struct(_JointState, message)
-        return dict(zip(told.name, told.position, strict=False))
+        state = _struct(_JointState, message)
+        return dict(zip(state.name, state.position, strict=False))
     return nearest_m(_struct(_Scan, message))
 
 
 def nearest_m(scan: Any) -> float:
-    """Return how far the nearest thing of a ``sensor_msgs/LaserScan`` is, in metres; NaN:
-    nothing is in range."""
+    """Return the nearest distance of a ``sensor_msgs/LaserScan`` in metres; NaN if nothing is in range."""
     within = [
         value
         for value in scan.ranges
@@ -208,7 +207,7 @@ def nearest_m(scan: Any) -> float:
 
 
 def yaw_of(quaternion: Any) -> float:
-    """Return the heading of an orientation."""
+    """Return the heading of an orientation, in radians."""
     q = quaternion
     return math.atan2(2 * (q.w * q.z + q.x * q.y), 1 - 2 * (q.y * q.y + q.z * q.z))
 
@@ -218,9 +217,9 @@ def quaternion_of(yaw_rad: float) -> dict[str, float]:
     return {"x": 0.0, "y": 0.0, "z": math.sin(yaw_rad / 2), "w": math.cos(yaw_rad / 2)}
 
 
-def _odometry(told: Any) -> Odometry:
-    """Of a ``nav_msgs/Odometry``: ours, or rclpy's."""
-    stamp, pose, speeds = told.header.stamp, told.pose.pose, told.twist.twist
+def _odometry(message: Any) -> Odometry:
+    """Convert a ``nav_msgs/Odometry``, ours or rclpy's."""
+    stamp, pose, speeds = message.header.stamp, message.pose.pose, message.twist.twist
     return Odometry(
         stamp.sec * 10**9 + stamp.nanosec,
         pose.position.x,
@@ -230,14 +229,14 @@ def _odometry(told: Any) -> Odometry:
     )
 
 
-def _imu(told: Any) -> Imu:
-    """Of a ``sensor_msgs/Imu``: ours, or rclpy's."""
-    turned, gyro, pushed = told.orientation, told.angular_velocity, told.linear_acceleration
+def _imu(message: Any) -> Imu:
+    """Convert a ``sensor_msgs/Imu``, ours or rclpy's."""
+    turned, gyro, pushed = message.orientation, message.angular_velocity, message.linear_acceleration
     return Imu((turned.w, turned.x, turned.y, turned.z), (gyro.x, gyro.y, gyro.z), (pushed.x, pushed.y, pushed.z))
 
 
 def read_object(topic: str, told: Any) -> Message:
-    """As ``read_report``, of a message object of rclpy's."""
+    """Return the content of a message object of rclpy's, as ``read_report`` does."""
     if topic == ODOMETRY:
         return _odometry(told)
     if topic == IMU:
@@ -248,14 +247,18 @@ def read_object(topic: str, told: Any) -> Message:
 
 
 def plain_type(name: str) -> str:
-    """Return a type as ROS 1 and rosbridge's clients spell it: ``geometry_msgs/msg/Twist`` is
-    ``geometry_msgs/Twist``."""
+    """Return the name of a type as ROS 1 and rosbridge's clients spell it: ``geometry_msgs/Twist`` for
+    ``geometry_msgs/msg/Twist``."""
     return name.replace("/msg/", "/")
 
 
 def stands(speed: Twist, still: Sequence[float] = (0.01, 0.01, 0.02)) -> bool:
-    """Return whether a base with this odometry stands. ``still``: m/s, m/s, rad/s that pass for
-    zero [assumed]."""
+    """Return True if a base with this speed stands still.
+
+    Args:
+        speed: The reported speed.
+        still: Largest speeds that count as zero: m/s, m/s, rad/s [assumed].
+    """
     return all(abs(value) <= most for value, most in zip(speed, still, strict=True))
 
 

@@ -1,5 +1,5 @@
-"""rosbridge v2: the operations that clients and bridge send each other, each a JSON text
-message. Pure."""
+"""Encode and decode rosbridge v2: the operations of client and bridge, each a JSON text message. Pure: no
+I/O."""
 
 from __future__ import annotations
 
@@ -20,8 +20,7 @@ ERROR_LEVEL = "error"
 
 
 class Operation(msgspec.Struct, frozen=True, tag_field="op", omit_defaults=True):
-    """One message. Fields that are not listed are left out of what is sent and not looked at in
-    what comes."""
+    """One message. Only the listed fields are sent, and all others are ignored on receipt."""
 
 
 class Advertise(Operation, frozen=True, tag="advertise"):
@@ -45,7 +44,7 @@ class Subscribe(Operation, frozen=True, tag="subscribe"):
     topic: str
     type: str | None = None
     throttle_rate: float = 0
-    """Milliseconds between two messages, at least."""
+    """Shortest interval between two messages, milliseconds."""
     queue_length: int = 0
     id: str | None = None
 
@@ -62,7 +61,7 @@ class CallService(Operation, frozen=True, tag="call_service"):
 
 
 class SetLevel(Operation, frozen=True, tag="set_level"):
-    """``status_level``: none, error, warning or info."""
+    """The level of status messages: none, error, warning or info."""
 
     level: str
 
@@ -81,10 +80,10 @@ class Status(Operation, frozen=True, tag="status"):
 
 
 Asked = Advertise | Unadvertise | Publish | Subscribe | Unsubscribe | CallService | SetLevel
-"""What a client sends."""
+"""The operations of a client."""
 
 Told = Publish | ServiceResponse | Status
-"""What the bridge sends."""
+"""The operations of the bridge."""
 
 _asked = msgspec.json.Decoder(Asked)
 _told = msgspec.json.Decoder(Told)
@@ -101,20 +100,20 @@ def publish(topic: str, message: Mapping[str, Any]) -> str:
 
 
 def response(asked: CallService, values: Any, result: bool = True) -> str:
-    """Return the answer to a call. Unlike other fields ``result`` is always told: some clients
+    """Return the answer to a call. ``result`` is always present, unlike other fields, because some clients
     require it."""
-    told = {"op": "service_response", "service": asked.service, "values": values, "result": result}
-    return _encoder.encode({**told, "id": asked.id} if asked.id is not None else told).decode()
+    answer = {"op": "service_response", "service": asked.service, "values": values, "result": result}
+    return _encoder.encode({**answer, "id": asked.id} if asked.id is not None else answer).decode()
 
 
 def decode_asked(text: str | bytes) -> Asked:
-    """Return what a client sent. Raise ``MalformedFrame``."""
+    """Decode an operation of a client. Raise ``MalformedFrame``."""
     asked: Asked = _decode(_asked, text)
     return asked
 
 
 def decode_told(text: str | bytes) -> Told:
-    """Return what the bridge sent. Raise ``MalformedFrame``."""
+    """Decode an operation of the bridge. Raise ``MalformedFrame``."""
     told: Told = _decode(_told, text)
     return told
 

@@ -1,5 +1,5 @@
-"""The robots of this wire, as data: ``robots.toml``, and the one place where radians and servo
-degrees meet."""
+"""The robots of this wire as data (``robots.toml``), and the only conversion between radians and servo
+degrees."""
 
 from __future__ import annotations
 
@@ -18,32 +18,32 @@ BASE = ("linear.x", "linear.y", "angular.z")
 """Keys of the base, in the order of a ``Twist``."""
 
 ARM_JOINTS = 5
-"""Of the six servos; the last is the gripper's. ``joint_signs`` are of these."""
+"""Number of joints with a sign in ``joint_signs``. The last of the six servos is the gripper's."""
 
 
 class Servo(msgspec.Struct, frozen=True):
-    """One servo, which is told whole degrees."""
+    """One servo, which is commanded in whole degrees."""
 
     key: str
     low_deg: int
     high_deg: int
     zero_deg: float
     scale: float = 180.0 / math.pi
-    """Degrees for a radian; negative: it turns the other way."""
+    """Degrees per radian; negative if the servo turns the other way."""
 
     def degrees(self, rad: float) -> float:
         return self.zero_deg + self.scale * rad
 
     def whole_degrees(self, rad: float) -> int:
-        """Return what goes on the wire. Raise ``ValueError`` for what is not finite."""
+        """Return the value on the wire. Raise ``ValueError`` for a value that is not finite."""
         return round(self.degrees(rad))
 
     def radians(self, degrees: float) -> float:
         return (degrees - self.zero_deg) / self.scale
 
     def turned(self, reported_rad: float) -> float:
-        """Return the radians of an action for those that the robot reports. It knows nothing of
-        ``joint_signs``, and counts upward with its servo's degrees [assumed]."""
+        """Return the radians of an action for the reported radians. The robot does not use ``joint_signs``,
+        and counts upward with its servo's degrees [assumed]."""
         return reported_rad if self.scale > 0 else -reported_rad
 
     @property
@@ -53,7 +53,7 @@ class Servo(msgspec.Struct, frozen=True):
 
 
 class M3Pro(msgspec.Struct, frozen=True):
-    """One table."""
+    """The table of one robot."""
 
     max_m_s: float
     max_rad_s: float
@@ -66,7 +66,7 @@ class M3Pro(msgspec.Struct, frozen=True):
     servos: tuple[Servo, ...]
 
     def servos_by(self, signs: Sequence[float]) -> tuple[Servo, ...]:
-        """Return the servos of an arm whose joints turn by these signs."""
+        """Return the servos of an arm with these signs of its joints."""
         return tuple(
             msgspec.structs.replace(servo, scale=sign * servo.scale)
             for servo, sign in zip(self.servos, (*signs, 1.0), strict=True)
@@ -75,12 +75,12 @@ class M3Pro(msgspec.Struct, frozen=True):
 
 @cache
 def table_of(robot: str) -> M3Pro:
-    """Return a robot's table. Raise ``ValueError`` for a robot that is not of this wire."""
+    """Return a robot's table. Raise ``ValueError`` if the robot is not of this wire."""
     return msgspec.convert(TABLES.table(robot), M3Pro)
 
 
 def base_axes(table: M3Pro) -> tuple[Axis, ...]:
-    """Return the axes of the base, whose speeds have the ids 7 to 9: the servos have 1 to 6."""
+    """Return the axes of the base. Their ids are 7 to 9, since the servos have 1 to 6."""
     limits = (table.max_m_s, table.max_m_s, table.max_rad_s)
     units = ("m/s", "m/s", "rad/s")
     return tuple(

@@ -1,7 +1,7 @@
-"""The robot's topics with rclpy, which is on the robot: for a program that runs there.
+"""Reach the robot's topics with rclpy, for a program that runs on the robot.
 
-rclpy lives in the wire process alone, which the root may end. Nobody has seen this run on a robot:
-it is written against the calls below, and tried with a stand-in for them.
+rclpy is loaded in the wire process only, which the root may end. This was never run on a robot: it is
+written against the calls below, and tried with a stand-in for them.
 """
 
 from __future__ import annotations
@@ -26,25 +26,25 @@ INSTALL = (
 )
 NODE = "strands_actors"
 QUEUE = 10
-"""Of the publishers: rclpy's usual depth."""
+"""Depth of the publishers' queues, as usual with rclpy."""
 
 SPIN_S = 0.01
-"""How often what has come is taken in."""
+"""Period of processing received messages."""
 
 AT_ONCE = 32
-"""Messages that are taken in then, at most."""
+"""Largest number of messages in one pass."""
 
 ACK_S = 0.3
-"""How long one wait for acknowledgements lasts: it cannot be cancelled."""
+"""Longest single wait for acknowledgements. It cannot be cancelled."""
 
 ACK_MARGIN_S = 0.1
-"""So much longer than asked a wait for acknowledgements may take before this process is spent."""
+"""How much longer than requested such a wait may take before this process counts as spent."""
 
 Load = Callable[[str, str], Any]
 
 
 class Ros2Link:
-    """``load``: imports a module, or raises ``WireDown`` with what installs it."""
+    """The link with rclpy. ``load`` imports a module, or raises ``WireDown`` that names the remedy."""
 
     def __init__(self, config: YahboomConfig, clock: Clock, load: Load = load_sdk) -> None:
         self.news = News()
@@ -85,12 +85,12 @@ class Ros2Link:
             self._spinning = False
 
     def zero(self) -> None:
-        self._publisher(m.CMD_VEL)  # raises where it is not connected, before anything is imported
+        self._publisher(m.CMD_VEL)  # raises without a connection, before anything is imported
         self.drive(m.REST)
 
     @property
     def is_behind(self) -> bool:
-        return False  # rclpy keeps the newest few, and tells nobody which were taken
+        return False  # rclpy keeps the newest few, and does not report which were received.
 
     def drive(self, twist: m.Twist) -> None:
         message = self._type(m.CMD_VEL)()
@@ -104,14 +104,15 @@ class Ros2Link:
         self._publish(m.ARM, message)
 
     async def taken(self, within_s: float) -> None:
-        """Return when every reliable subscriber has acknowledged what was published."""
+        """Wait until every reliable subscriber has acknowledged all messages. Raise ``WireDown``
+        otherwise."""
         within_s = min(within_s, ACK_S)
         duration = self._load("rclpy.duration", INSTALL).Duration(seconds=within_s)
         wait = self._publisher(m.CMD_VEL).wait_for_all_acked
         try:
             taken = await self._calls.call("wait_for_all_acked", within_s + ACK_MARGIN_S, wait, duration)
         except ProcessSpent as spent:
-            raise WireDown(str(spent)) from None  # a stop goes on with what it can still do
+            raise WireDown(str(spent)) from None  # The stop continues with its other means.
         if not taken:
             raise WireDown(f"ros2: no acknowledgement within {within_s * 1e3:.0f} ms. Check the base's node")
 
@@ -119,9 +120,9 @@ class Ros2Link:
         before = self.news.odometry
         with trio.move_on_after(within_s):
             await look_until(self._clock, SPIN_S, lambda: self._spun() or self.news.odometry is not before)
-        told = self.news.odometry
-        if told is not None and told is not before:
-            return report_of(told)
+        newest = self.news.odometry
+        if newest is not None and newest is not before:
+            return report_of(newest)
         raise WireDown(f"ros2: no odometry within {within_s * 1e3:.0f} ms. Check the base")
 
     def close(self) -> None:
@@ -149,19 +150,19 @@ class Ros2Link:
                 node.create_subscription(kinds[topic], topic, self._taking(topic), quality)
             self._executor = executors.SingleThreadedExecutor(context=context)
             self._executor.add_node(node)
-        except Exception as error:  # rclpy's own, of many kinds
+        except Exception as error:  # rclpy raises many kinds of exceptions.
             raise WireDown(f"ros2: {type(error).__name__}: {error}. Check the ROS 2 of this robot") from None
         self._node = node
 
     def _taking(self, topic: str) -> Callable[[Any], None]:
-        return lambda told: self.news.take(topic, m.read_object(topic, told), self._clock.now_ns())
+        return lambda message: self.news.take(topic, m.read_object(topic, message), self._clock.now_ns())
 
     def _is_there(self) -> bool:
         self._spin()
         return not self._missing()
 
     def _spun(self) -> bool:
-        """Take in what has come; False, since there is always more."""
+        """Process received messages. Return False, since more always follow."""
         self._spin()
         return False
 
@@ -174,15 +175,15 @@ class Ros2Link:
             self._executor.spin_once(timeout_sec=0)
 
     def _topics(self) -> dict[str, str]:
-        """Return topic -> type of those that this driver knows."""
-        found = {
+        """Return the types of the topics that this driver knows, by topic."""
+        published = {
             name: [m.plain_type(kind) for kind in kinds] for name, kinds in self._node.get_topic_names_and_types()
         }
         known = {**m.COMMANDED, **m.REPORTED, **m.OPTIONAL}
-        return {topic: kind for topic, kind in known.items() if kind in found.get(topic, ())}
+        return {topic: kind for topic, kind in known.items() if kind in published.get(topic, ())}
 
     def _missing(self) -> str:
-        """Return what is not there yet; empty: nothing."""
+        """Return the first missing part of the robot; empty if all are there."""
         for topic in m.COMMANDED:
             if not self._node.count_subscribers(topic):
                 return f"nobody listens to {topic}"
@@ -199,7 +200,7 @@ class Ros2Link:
         publisher = self._publisher(topic)
         try:
             publisher.publish(message)
-        except Exception as error:  # rclpy's own, of many kinds
+        except Exception as error:  # rclpy raises many kinds of exceptions.
             raise WireDown(f"ros2: {topic}: {error}. Check the ROS 2 of this robot") from None
 
     def _type(self, topic: str) -> Any:

@@ -1,7 +1,7 @@
-"""The robot's topics over rosbridge: one WebSocket, on which nothing overtakes anything.
+"""Reach the robot's topics over rosbridge: one WebSocket, which keeps the order of all messages.
 
-Nothing is kept to be sent later: what cannot leave now is an error, and a new connection begins
-with nothing.
+No message is kept for later. A message that cannot be sent now is an error, and a new connection starts
+empty.
 """
 
 from __future__ import annotations
@@ -23,33 +23,32 @@ from .config import YahboomConfig
 from .links import News, report_of
 
 CONNECT_S = 0.4
-"""Within which a connection for a stop is made, or tried again."""
+"""Longest time to connect for a stop, before the next attempt."""
 
 JOINTS_S = 0.5
-"""How long a joint topic that is listed may be silent: some robots list one that nobody
-publishes on."""
+"""Longest silence of a listed joint topic at the start. Some robots list one without publishing on it."""
 
 WATCH_MS = 50.0
-"""How often who only stops the base hears of it, at most."""
+"""Shortest interval of odometry on a connection that only stops the base, milliseconds."""
 
 MOST_OWED = 4
-"""Commands that may be on their way: at 10 Hz, to a bridge that answers after 300 ms."""
+"""Largest number of unacknowledged commands, for 10 Hz and a bridge that answers after 300 ms."""
 
 DIGITS = 19
-"""Of a call's number, fewer than so many: what is longer is not ours."""
+"""A call's number has fewer digits than this. A longer one is not ours."""
 
 SCAN_MS = 200.0
-"""A scan is 20 kB: it is asked for five times a second."""
+"""Shortest interval of scans, milliseconds. A scan is 20 kB, so it is requested five times a second."""
 
 IMU_MS = 50.0
 
 
 ZERO = p.publish(m.CMD_VEL, m.twist_message(m.REST, stop=True))
-"""What stops the base."""
+"""The message that stops the base."""
 
 
 class Socket(Protocol):
-    """What is needed of a WebSocket; ``common.websocket.WebSocket`` is one."""
+    """The used part of a WebSocket. ``common.websocket.WebSocket`` implements it."""
 
     name: str
 
@@ -77,13 +76,13 @@ class RosbridgeLink:
         self._clock = clock
         self._open_socket = open_socket
         self._socket: Socket | None = None
-        self._numbers = 0  # of calls
+        self._numbers = 0  # number of the last call
         self._responses: dict[int, p.ServiceResponse] = {}
-        self._asked: set[int] = set()  # calls whose answer somebody waits for
-        self._owed: list[int] = []  # calls behind commands, not answered yet
+        self._asked: set[int] = set()  # calls with a waiting caller
+        self._owed: list[int] = []  # unanswered calls after commands
         self._objection = ""  # the bridge's last error
         self._connecting = trio.Lock()
-        self._reads = False  # whoever reads does it for all
+        self._reads = False  # True while one task reads for all
         self._heard = trio.Event()
 
     @property
@@ -111,14 +110,14 @@ class RosbridgeLink:
         )
 
     async def listen(self) -> None:
-        """Connect, and listen to odometry, before a stop is needed. Raise ``WireDown``."""
+        """Connect and subscribe to odometry, before a stop is needed. Raise ``WireDown``."""
         async with self._connecting:
             await self._connect(CONNECT_S)
             self._listen((m.ODOMETRY,), WATCH_MS)
 
     async def connect(self) -> None:
-        """Connect for a stop: zero leaves in one write with the upgrade, and ``taken`` does the
-        rest of the handshake."""
+        """Connect for a stop. Zero leaves in one write with the upgrade request, and ``taken`` completes the
+        handshake."""
         async with self._connecting:
             if not self.is_open:
                 await self._begin(CONNECT_S, _advertised(m.CMD_VEL), ZERO)
@@ -143,8 +142,8 @@ class RosbridgeLink:
         self._command(p.publish(m.ARM, m.arm_message(goal)))
 
     async def taken(self, within_s: float) -> None:
-        """The bridge takes operations one after the other: it answers a call once it has taken
-        what came before."""
+        """Wait until the bridge has taken all that was sent. It processes operations in order, so its answer
+        to a call follows them."""
         with trio.move_on_after(within_s):
             if self._socket is not None and self._socket.is_pending:
                 await self._accept(self._socket, within_s)
@@ -157,10 +156,10 @@ class RosbridgeLink:
         before = self.news.odometry
         with trio.move_on_after(within_s):
             await self._until(lambda: self.news.odometry is not before)
-        told = self.news.odometry
-        if told is None or told is before:
+        newest = self.news.odometry
+        if newest is None or newest is before:
             raise WireDown(f"{self._name}: no odometry within {within_s * 1e3:.0f} ms. Check the base")
-        return report_of(told)
+        return report_of(newest)
 
     def close(self) -> None:
         if self._socket is not None:
@@ -178,8 +177,8 @@ class RosbridgeLink:
         await self._accept(await self._begin(within_s), within_s)
 
     async def _begin(self, within_s: float, *stop: str) -> Socket:
-        """Connect anew, and send ``stop`` with the upgrade. The connection before is kept until
-        then: it may be all that a stop can be written on."""
+        """Connect anew, and send ``stop`` with the upgrade request. The old connection is kept until then,
+        since a stop may have no other one to write on."""
         try:
             host, port = self._config.address()
         except ValueError as error:
@@ -203,7 +202,7 @@ class RosbridgeLink:
         self._advertise()
 
     async def _shake_hands(self) -> dict[str, Any]:
-        """Check topics and types, and listen. Raise ``WireDown``."""
+        """Check topics and types, and subscribe. Raise ``WireDown``."""
         values = await self._call(p.TOPICS_SERVICE)
         types = _types(values)
         for topic, wanted in {**m.COMMANDED, **m.REPORTED}.items():
@@ -212,12 +211,12 @@ class RosbridgeLink:
                 raise WireDown(f"{self._name}: there is no topic {topic}. Start the robot's own nodes")
             if found != wanted:
                 raise WireDown(f"{self._name}: {topic} is a {found}, not a {wanted}. Is this an M3 Pro?")
-        heard = tuple(topic for topic, wanted in m.OPTIONAL.items() if types.get(topic) == wanted)
-        self._listen((m.ODOMETRY, *heard))
-        await self._call(p.TIME_SERVICE)  # an objection comes before the answer
+        optional = tuple(topic for topic, kind in m.OPTIONAL.items() if types.get(topic) == kind)
+        self._listen((m.ODOMETRY, *optional))
+        await self._call(p.TIME_SERVICE)  # An objection arrives before this answer.
         if self._objection:
             raise WireDown(f"{self._name}: rosbridge objects: {self._objection}")
-        return {"rosbridge": f"ws://{self._name}", "topics": sorted((*m.COMMANDED, *m.REPORTED, *heard))}
+        return {"rosbridge": f"ws://{self._name}", "topics": sorted((*m.COMMANDED, *m.REPORTED, *optional))}
 
     def _advertise(self) -> None:
         for topic in m.COMMANDED:
@@ -228,7 +227,7 @@ class RosbridgeLink:
             rate = SCAN_MS if topic in m.SCANS else IMU_MS if topic == m.IMU else at_least_ms
             self._send(p.encode(p.Subscribe(topic, {**m.REPORTED, **m.OPTIONAL}[topic], rate)))
 
-    # -- what is sent and heard
+    # -- messages
 
     def _send(self, text: str) -> None:
         if self._socket is None:
@@ -236,7 +235,7 @@ class RosbridgeLink:
         self._socket.send(text)
 
     def _command(self, text: str) -> None:
-        """Send a command, and a call behind it, whose answer says that it was taken."""
+        """Send a command, then a call. The answer to the call shows that the bridge has taken the command."""
         self._send(text)
         number = self._next_number()
         self._owed.append(number)
@@ -247,7 +246,7 @@ class RosbridgeLink:
         return self._numbers
 
     async def _call(self, service: str) -> Any:
-        """Return what a service answers. Raise ``WireDown`` when it says no."""
+        """Return the answer of a service. Raise ``WireDown`` if it reports a failure."""
         number = self._next_number()
         self._asked.add(number)
         try:
@@ -266,7 +265,7 @@ class RosbridgeLink:
             await self._hear()
 
     async def _hear(self) -> None:
-        """Take in what comes next, or wait until somebody else did."""
+        """Process the next message, or wait until another task has done that."""
         if self._reads:
             await self._heard.wait()
             return
@@ -287,13 +286,14 @@ class RosbridgeLink:
                     self.news.take(topic, m.read_report(topic, content), self._clock.now_ns())
                 case p.ServiceResponse(id=str(text)) as answer if text.isdecimal() and len(text) < DIGITS:
                     number = int(text)
-                    self._owed = [owed for owed in self._owed if owed > number]  # what came before was taken
+                    # The bridge has taken all commands before this call.
+                    self._owed = [owed for owed in self._owed if owed > number]
                     if number in self._asked:
                         self._responses[number] = answer
                 case p.Status(level, text) if level == p.ERROR_LEVEL:
                     self._objection = text
         except MalformedFrame:
-            self.news.malformed += 1  # who says nothing else is silent, which ``read`` tells
+            self.news.malformed += 1  # ``read`` reports a bridge that sends nothing else as silent.
 
     def _wake(self) -> None:
         heard, self._heard = self._heard, trio.Event()
@@ -305,7 +305,7 @@ def _advertised(topic: str) -> str:
 
 
 def _types(values: Any) -> dict[str, str]:
-    """Return topic -> type of an answer of ``/rosapi/topics``. Empty for what is none."""
+    """Return the types by topic of an answer of ``/rosapi/topics``; empty for an invalid answer."""
     if not isinstance(values, dict):
         return {}
     topics, types = values.get("topics"), values.get("types")

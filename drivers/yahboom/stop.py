@@ -1,7 +1,7 @@
-"""How an M3 Pro is stopped: zero, again and again, until its own odometry says that it stands.
+"""Stop an M3 Pro: repeat zero until the robot's own odometry shows that it stands.
 
-The arm is left where it was last told to be: its servos keep that by themselves, cannot be told to
-stop, and the robot does not report where they are.
+The arm keeps its last goal. Its servos do that by themselves and cannot be stopped, and the robot does not
+report their positions.
 """
 
 from __future__ import annotations
@@ -20,34 +20,40 @@ from strands_actors.kernel.clock import Clock
 from .config import LINKS, YahboomConfig
 
 STOP_S = 1.7
-"""How long zero is repeated: less than ``Timing.safe_s``, and than what is left of it when a
-link is reached."""
+"""How long zero is repeated. This is less than ``Timing.safe_s``, and less than the rest of it when a new
+link has to be opened first."""
 
 
 class StopLink(ReportingBase, Protocol):
-    """A way to the base that is kept open for a stop."""
+    """A link to the base that is kept open for a stop."""
 
     async def listen(self) -> None:
-        """Connect, and listen to odometry, before a stop is needed."""
+        """Connect and subscribe to odometry, before a stop is needed."""
         ...
 
     async def hear(self) -> None:
-        """Keep what it reports new, until cancelled."""
+        """Receive reports until cancelled."""
         ...
 
     def close(self) -> None:
-        """Throw the connection away. Harmless when called again."""
+        """Close the connection at once. It may be called again."""
         ...
 
 
 def reports_of(
     outcome: Outcome, config: YahboomConfig, arm_rad: Sequence[float] = (), arm_detail: str = ""
 ) -> tuple[MotorReport, ...]:
-    """Return one report an axis. ``arm_rad``: the arm's last goal, which it keeps; empty: not known
-    here."""
+    """Return a report for each axis.
+
+    Args:
+        outcome: The result of the stop.
+        config: The robot.
+        arm_rad: The arm's last goal, which it keeps; empty if it is unknown here.
+        arm_detail: Detail of the arm's reports.
+    """
     base = len(config.axes) - len(config.servos)
     held: tuple[float | None, ...] = tuple(arm_rad) or (None,) * len(config.servos)
-    targets = ((0.0, "") if at < base else (held[at - base], arm_detail) for at in range(len(config.axes)))
+    targets = ((0.0, "") if index < base else (held[index - base], arm_detail) for index in range(len(config.axes)))
     return tuple(
         MotorReport(
             axis,
@@ -63,7 +69,7 @@ def reports_of(
 
 
 class YahboomStopChannel(KeptSession[YahboomConfig, StopLink]):
-    """The root's own connection to rosbridge; with ``transport="ros2"`` its own writer of DDS,
+    """The root's own connection to rosbridge. With ``transport="ros2"`` it is the root's own DDS writer,
     since rclpy must not be in the root."""
 
     SERVED_FIRST: ClassVar[bool] = False
@@ -89,6 +95,6 @@ class YahboomStopChannel(KeptSession[YahboomConfig, StopLink]):
 
 
 def stop_link(config: YahboomConfig, clock: Clock) -> StopLink:
-    """Return a way to the robot that the root may load."""
+    """Return a link that the root may load."""
     link: StopLink = load(LINKS[config.transport])(config, clock)
     return link

@@ -1,6 +1,7 @@
-"""The robot's topics in the wire process: commands, odometry and stops on one connection, where
-nothing overtakes anything. So a command that waits in a frozen bridge is always followed by the
-zero of the stop behind it; and no more than a few ever wait.
+"""The wire of an M3 Pro, in the wire process.
+
+Commands, odometry and stops share one connection, which keeps their order. So the zero of a stop always
+follows a command that waits in a frozen bridge. Only a few commands ever wait there.
 """
 
 from __future__ import annotations
@@ -27,11 +28,10 @@ from .robots import BASE
 from .stop import STOP_S, StopLink, reports_of, stop_link
 
 SILENT_S = 0.6
-"""Without odometry for so long the link counts as lost."""
+"""The link counts as lost after so long without odometry."""
 
 QUIET_S = 0.2
-"""No command is written to a robot whose odometry has been silent for so long: it would be carried
-out late."""
+"""No command is written after so long without odometry, since the robot would carry it out late."""
 
 NAN = math.nan
 
@@ -49,22 +49,22 @@ class YahboomWire(Wire):
         self._config = config
         self._clock = clock
         self._link = link or link_of(config, clock)
-        self._anew: StopLink | None = anew  # for a stop, where the link is lost
-        self._arm_rad: tuple[float, ...] = ()  # where the arm was last told to be
-        self._arm_at_s = 0.0  # which command that was
-        self._arm_until_ns = 0  # when it is there
+        self._anew: StopLink | None = anew  # used for a stop when the link is lost
+        self._arm_rad: tuple[float, ...] = ()  # last goal of the arm
+        self._arm_at_s = 0.0  # time of that action, which identifies it
+        self._arm_until_ns = 0  # end of that motion
 
     async def open(self) -> dict[str, Any]:
         facts = await self._link.open()
-        told = "reported" if self._link.news.joints_ns else "not reported: the first action of the arm names all"
-        return {**facts, "transport": self._config.transport, "joints": told}
+        joints = "reported" if self._link.news.joints_ns else "not reported: the first action of the arm names all"
+        return {**facts, "transport": self._config.transport, "joints": joints}
 
     async def serve(self, task_status: trio.TaskStatus[None] = trio.TASK_STATUS_IGNORED) -> None:
         task_status.started()
         await self._link.hear()
 
     async def arm(self, permit: Permit) -> Observation:
-        """Forget where the arm was told to be: somebody may have moved it since it was stopped."""
+        """Forget the arm's last goal, because a person may have moved the arm since the stop."""
         permit.check()
         self._link.zero()
         self._arm_rad, self._arm_at_s = (), 0.0
@@ -76,20 +76,20 @@ class YahboomWire(Wire):
 
     async def read(self) -> Observation:
         news, now_ns = self._link.news, self._clock.now_ns()
-        told = news.odometry
+        odometry = news.odometry
         silent_s = (now_ns - news.odometry_stamps.new_ns) / NS
-        if told is None or silent_s > SILENT_S:
-            why = "never come" if told is None else f"for {silent_s:.1f} s not {news.missing(now_ns)}"
+        if odometry is None or silent_s > SILENT_S:
+            why = "never come" if odometry is None else f"for {silent_s:.1f} s not {news.missing(now_ns)}"
             raise WireDown(
                 f"read: odometry has {why} ({news.malformed} malformed messages). Check the base and rosbridge"
             )
         joints = news.joints if now_ns - news.joints_ns <= SILENT_S * NS else {}
-        # by the sign that commands have: else a joint that is not named would jump to its mirror image
+        # Apply the sign of the commands. Otherwise an unnamed joint would jump to its mirror image.
         arm = tuple(servo.turned(joints.get(servo.key, NAN)) for servo in self._config.servos)
         stamps = tuple(0 if math.isnan(value) else news.joints_ns for value in arm)
         return Observation(
             t_ns=news.odometry_stamps.new_ns,
-            position=(*told.speed, *arm),
+            position=(*odometry.speed, *arm),
             stamp_ns=((news.odometry_stamps.new_ns,) * len(BASE)) + stamps,
             sensors=self._sensors(),
         )
@@ -103,7 +103,8 @@ class YahboomWire(Wire):
         permit.check()
         if values[DRIVES]:
             self._link.drive(Twist(*values[: len(BASE)]))
-        if values[ARM_MS] and arm_at_s != self._arm_at_s:  # once: each repetition would begin the motion anew
+        # A goal is sent once, since each repetition would start the motion anew.
+        if values[ARM_MS] and arm_at_s != self._arm_at_s:
             self._link.move_arm(self._goal(arm_rad, values[ARM_MS]))
             self._arm_rad, self._arm_at_s = arm_rad, arm_at_s
             self._arm_until_ns = self._clock.now_ns() + round(values[ARM_MS] * 1e6)
@@ -112,9 +113,9 @@ class YahboomWire(Wire):
         return self._reports(await stop_until_it_stands(self._link, STOP_S))
 
     async def reach(self, safe_state: SafeState) -> tuple[MotorReport, ...]:
-        """As ``make_safe``, and on a connection made for it at the same time: the old one may be
-        dead, or not understood, and zero is written on it all the same."""
-        with contextlib.suppress(WireDown):  # it is closed
+        """Stop on the old connection and on a new one at the same time. The old one may be dead or garbled,
+        and zero is written on it all the same."""
+        with contextlib.suppress(WireDown):  # It is closed.
             self._link.zero()
         self._anew = self._anew or stop_link(self._config, self._clock)
         links = [self._link, self._anew] if self._link.is_open else [self._anew]
@@ -159,9 +160,9 @@ class YahboomWire(Wire):
 
 
 def link_of(config: YahboomConfig, clock: Clock) -> RosLink:
-    """Return the wire's way to the robot, not yet open."""
+    """Return the wire's link to the robot, not yet open."""
     if config.transport == ROS2:
-        from .ros2 import Ros2Link  # loads rclpy when it is opened
+        from .ros2 import Ros2Link  # It loads rclpy when it is opened.
 
         return Ros2Link(config, clock)
     from .rosbridge import RosbridgeLink

@@ -1,8 +1,9 @@
-"""A T1 on a DDS network of its own: its computer, a MuJoCo body behind it, 23 motors.
+"""Run a T1 on its own DDS network: its computer, a MuJoCo body, 23 motors.
 
 Besides the control lines of every twin it takes ``fall``, ``get-up``, ``mode NAME``,
-``battery PERCENT`` and ``answer API STATUS``: what a service is answered with instead of being done
-(``answer GET_MODE 500``); ``nothing``: it is done, and not answered; ``-``: as ever.
+``battery PERCENT`` and ``answer API STATUS``. The last one sets the status with which a function is
+answered without being carried out (``answer GET_MODE 500``). With ``nothing`` it is carried out and
+not answered; ``-`` restores the normal behaviour.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""The twin's body, from the robot's table."""
+"""Build the twin's body from the robot's table."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from strands_actors.drivers.common.model_rows import with_limits
 
 
 def body_of(model: Model) -> LeggedBody:
-    """Limits and torque come from the motors, the rest from ``links``."""
+    """Return the body. Its limits and torques come from the motors, the rest from ``links``."""
     table = TABLES.table(model.name)
     motors = {motor.key: motor for motor in model.motors}
 

@@ -1,7 +1,6 @@
-"""The twin's own computer: modes, falls, its service, battery, and who moves the body. It knows no
-network.
+"""Simulate the robot's own computer: modes, falls, service, battery, and control of the body.
 
-Time comes with every call; between calls nothing happens.
+It has no network and no clock: every call brings the time, and between calls nothing happens.
 """
 
 from __future__ import annotations
@@ -21,11 +20,11 @@ from strands_actors.drivers.common.malformed import MalformedFrame
 from .body import body_of
 
 STAND_KP, STAND_KD = 500.0, 10.0
-"""Of the onboard controller, which does nothing but stand."""
+"""Gains of the onboard controller for the legs. It only stands."""
 SWAY_KP, SWAY_KD = 60.0, 3.0
-"""Of what it turns gently: arms and head."""
+"""Gains for arms and head, which it turns gently."""
 TURN_RAD_S = 1.5
-"""How fast."""
+"""Speed at which it turns them."""
 DAMPING = 2.0
 ROOM_C = 30
 FALLING_S, GETTING_UP_S = 1.2, 1.5
@@ -37,7 +36,14 @@ Row = tuple[float, ...]
 
 
 class Onboard:
-    """``note(kind, text)`` hears what becomes of it: ``mode``, ``fall``, ``twist``, ``upper_body``."""
+    """The robot's computer.
+
+    Args:
+        model: The robot.
+        note: Called with a kind and a text for each change: ``mode``, ``fall``, ``twist``,
+            ``upper_body``.
+        mode: The mode after a boot.
+    """
 
     def __init__(self, model: Model, note: Callable[[str, str], None], mode: Mode = Mode.WALKING) -> None:
         self.model = model
@@ -50,40 +56,40 @@ class Onboard:
         self.reset()
 
     def reset(self) -> None:
-        """As after a boot, put back on its feet."""
+        """Restart as after a boot, with the robot on its feet."""
         self.body.stand_up()
         self.mode = self._first_mode
         self.fall = Fall.IS_READY
-        self.ours = False  # the host's upper body
-        self.simulated = False  # the simulation's
+        self.ours = False  # True while the host has the upper body
+        self.simulated = False  # True while the simulation has it
         self.twist: Row = (0.0, 0.0, 0.0)
         self.odometer = Odometer(0.0, 0.0, 0.0)
         self._command: Command | None = None
-        self._wanted = list(self._home)  # where arms and head are to be
-        self._target = list(self._home)  # on the way there
+        self._wanted = list(self._home)  # goal of arms and head
+        self._target = list(self._home)  # setpoint on the way to the goal
         self._since_s = self._now_s = 0.0
 
-    # -- what it is told
+    # -- commands
 
     def command(self, command: Command) -> None:
-        """A LowCmd. The last one counts as long as it is obeyed."""
+        """Take a LowCmd. The newest one stays in force as long as the mode obeys it."""
         if self.ours or self.mode is Mode.CUSTOM:
             self._command = command
 
     def aim(self, arms: Sequence[float]) -> None:
-        """Turn the arms there, of the simulation's own accord."""
+        """Set the goal of the arms for the simulation."""
         self._wanted[FIRST_ARM : LAST_ARM + 1] = arms
 
     def set_mode(self, mode: Mode) -> None:
         if self.mode not in STANDS and mode in STANDS:
-            self.body.stand_up()  # as somebody would hold it for that
+            self.body.stand_up()  # as if a person held it for that
         self.mode = mode
         self.take_back()
         self._stand()
         self._note("mode", mode.name.lower())
 
     def take_back(self) -> None:
-        """The upper body is the robot's again, which turns it to where it carries it."""
+        """Take the upper body back from the host, and move it to the home pose."""
         if self.ours:
             self._note("upper_body", "back")
         self.ours, self._command = False, None
@@ -119,7 +125,7 @@ class Onboard:
         self._watch(now_s)
 
     def step(self, seconds: float) -> None:
-        """One step of physics at once."""
+        """Do one step of physics at once."""
         self._control(seconds)
         self.body.step(1)
 
@@ -140,7 +146,7 @@ class Onboard:
         self.body.drive(*self._drives())
 
     def _drives(self) -> tuple[Row, Row, Row, Row, Row]:
-        """What every motor gives now: q, dq, tau, kp, kd by slot."""
+        """Return the command to every motor by slot: q, dq, tau, kp, kd."""
         rows = [self._own(slot) for slot in range(len(self.model.motors))]
         command = self._command
         if command is not None:
@@ -152,7 +158,7 @@ class Onboard:
         return q, dq, tau, kp, kd
 
     def _own(self, slot: int) -> Row:
-        """What the onboard controller does with a motor."""
+        """Return the onboard controller's command to a motor."""
         if self.mode not in (*STANDS, Mode.CUSTOM) or self.fall is not Fall.IS_READY:
             return 0.0, 0.0, 0.0, 0.0, DAMPING
         if slot <= LAST_ARM:
@@ -160,7 +166,7 @@ class Onboard:
         return self._home[slot], 0.0, 0.0, STAND_KP, STAND_KD
 
     def _watch(self, now_s: float) -> None:
-        """What falls, lies, and gets up."""
+        """Advance the fall state: falling, lying, getting up."""
         match self.fall:
             case Fall.IS_READY if self.body.fallen and self.mode is not Mode.DAMPING:
                 self.set_mode(Mode.DAMPING)
@@ -171,7 +177,7 @@ class Onboard:
                 self.set_mode(Mode.WALKING)
                 self._set_fall(Fall.IS_READY)
 
-    # -- what it says
+    # -- reports
 
     def state(self) -> State:
         body = self.body
@@ -189,14 +195,14 @@ class Onboard:
     def battery(self) -> Battery:
         return Battery(50.0, -2.0, self.percent, 50.0)
 
-    # -- its service
+    # -- the service
 
     def serve(self, request: Request) -> Response:
         try:
-            status, said = self._serve(request.api, rpc.parsed(request.body))
+            status, result = self._serve(request.api, rpc.parsed(request.body))
         except MalformedFrame:
-            status, said = rpc.BAD_REQUEST, None
-        return Response(request.id, status, "" if said is None else json.dumps(said))
+            status, result = rpc.BAD_REQUEST, None
+        return Response(request.id, status, "" if result is None else json.dumps(result))
 
     def _serve(self, api: int, body: dict[str, Any]) -> tuple[int, Any]:
         match api:

@@ -1,13 +1,12 @@
-"""The network of the twin: LowState 500 times a second, LowCmd, the service, and what is told
-slowly.
+"""Serve the twin's network: LowState 500 times a second, LowCmd, the service, and the slow topics.
 
-The log has every LowCmd and every request; of the robot's side the answers and what it does by
-itself: ``mode``, ``fall``, ``twist``, ``upper_body``. Kinds of what the host sends:
+The log has every LowCmd and every request. Of the robot's side it has the answers, and changes that
+the robot makes by itself: ``mode``, ``fall``, ``twist``, ``upper_body``. Kinds of the host's frames:
 
 ``setpoint``  a LowCmd that moves an arm, a ``Move`` that is not zero, a ``RotateHead``
-``safe``      ``Move(0, 0, 0)``; behind it a LowCmd that holds: each arm joint exactly where it was
-              reported lately; giving back the upper body; damping mode. With the safe state that the whole
-              robot is in by it: ``""`` as long as it walks, or its arms are still the host's
+``safe``      ``Move(0, 0, 0)``; after it a LowCmd that holds each arm joint exactly at a position that was
+              reported lately; giving back the upper body; damping mode. The entry also names the safe
+              state of the whole robot: ``""`` as long as it walks, or the host still has its arms
 ``enable``    taking the upper body
 ``read``, ``config``, ``garbled``
 """
@@ -37,9 +36,9 @@ from .onboard import Onboard
 from .simulated import BoosterBody
 
 FALL_S, BATTERY_S, ODOMETER_S = 0.1, 0.5, 0.02
-"""How often these are told: by the clock, since a busy machine leaves ticks out."""
+"""Periods of the slow topics. They follow the clock, since a busy machine skips ticks."""
 LATELY = 500
-"""States that a hold may be of: a second."""
+"""Number of states that a hold may refer to: a second."""
 WRONG_RAD = 1.0
 
 _READS = (Api.GET_MODE, Api.GET_STATUS, Api.GET_ROBOT_INFO)
@@ -56,7 +55,7 @@ class BoosterTwinOptions(DdsOptions, frozen=True):
 
 
 class BoosterServer(DdsServer):
-    """Serves one robot. Its methods are what may happen to it while it runs."""
+    """Serve one robot. The methods at the end are its faults."""
 
     def __init__(self, model: Model, log: WireLog, options: BoosterTwinOptions) -> None:
         mode = Mode[options.mode.upper()]
@@ -66,9 +65,9 @@ class BoosterServer(DdsServer):
         self.body = BoosterBody(self.onboard)
         self._name = options.robot_name
         self._told: deque[tuple[float, ...]] = deque(maxlen=LATELY)
-        self._due_ns: dict[str, int] = {}  # when each of the slow topics is told next
-        self._answered: dict[Api, int | None] = {}  # with which status, instead of being done; None: not at all
-        self._stood: set[bytes] = set()  # participants that have stopped the base, and commanded nothing since
+        self._due_ns: dict[str, int] = {}  # next time of each slow topic
+        self._answered: dict[Api, int | None] = {}  # the status that replaces an action; None for no answer
+        self._stood: set[bytes] = set()  # participants that stopped the base and sent no command since
 
     def make_endpoints(self, participant: Participant) -> None:
         def topic(name: str) -> str:
@@ -85,7 +84,7 @@ class BoosterServer(DdsServer):
     def advance(self, now_s: float) -> None:
         self.onboard.advance(now_s)
 
-    # -- what it hears
+    # -- received frames
 
     def _on_command(self, payload: memoryview, writer: bytes, t_ns: int) -> None:
         if self.is_off:
@@ -107,12 +106,12 @@ class BoosterServer(DdsServer):
         self.onboard.command(command)
 
     def _holds(self, command: Command) -> bool:
-        """Whether it keeps each arm joint exactly where that was reported lately, to the last
-        bit."""
-        wanted = tuple(motor.q for motor in command.motors[_ARMS])
-        if any(motor.dq or motor.tau for motor in command.motors) or len(wanted) * 4 != _ROW.size:
+        """Return True if the command keeps each arm joint exactly, to the last bit, at a position that was
+        reported lately."""
+        goals = tuple(motor.q for motor in command.motors[_ARMS])
+        if any(motor.dq or motor.tau for motor in command.motors) or len(goals) * 4 != _ROW.size:
             return False
-        return all(any(row[at] == q for row in self._told) for at, q in enumerate(wanted))
+        return all(any(row[index] == q for row in self._told) for index, q in enumerate(goals))
 
     def _on_request(self, payload: memoryview, writer: bytes, t_ns: int) -> None:
         if self.is_off:
@@ -139,7 +138,7 @@ class BoosterServer(DdsServer):
             self._answers.write(CDR + answer)
 
     def _serve(self, request: Request) -> Response | None:
-        """As the robot's own computer does, but for what ``answer`` has changed."""
+        """Serve a request as the onboard computer does, unless ``answer`` has changed that."""
         status = next((status for api, status in self._answered.items() if api == request.api), rpc.OK)
         if status:
             return Response(request.id, status)
@@ -147,26 +146,26 @@ class BoosterServer(DdsServer):
         return None if status is None else response
 
     def _kind_of(self, request: Request) -> tuple[str, str]:
-        """Return the kind of a request, and the safe state that it brings the whole robot to."""
+        """Return the kind of a request, and the safe state to which it brings the whole robot."""
         try:
-            said = rpc.parsed(request.body)
+            body = rpc.parsed(request.body)
         except MalformedFrame:
             return "config", ""
         walks = any(self.onboard.twist)
         match request.api:
-            case Api.MOVE if not any(said.get(name) for name in ("vx", "vy", "vyaw")):
+            case Api.MOVE if not any(body.get(name) for name in ("vx", "vy", "vyaw")):
                 return "safe", "" if self.onboard.ours else SafeState.HOLD
             case Api.MOVE | Api.ROTATE_HEAD:
                 return "setpoint", ""
-            case Api.UPPER_BODY if said.get("start") is False:
+            case Api.UPPER_BODY if body.get("start") is False:
                 return "safe", "" if walks else SafeState.STOP
             case Api.UPPER_BODY:
                 return "enable", ""
-            case Api.CHANGE_MODE if said.get("mode") == Mode.DAMPING:
+            case Api.CHANGE_MODE if body.get("mode") == Mode.DAMPING:
                 return "safe", SafeState.DAMP
         return ("read" if request.api in _READS else "config"), ""
 
-    # -- what it says
+    # -- sent frames
 
     def say(self, tick: int, now_ns: int) -> None:
         state = self.onboard.state()
@@ -190,7 +189,7 @@ class BoosterServer(DdsServer):
             self._due_ns[name] = now_ns + round(every_s * NS)
         return due
 
-    # -- what may happen to it
+    # -- faults
 
     def power_cycle(self) -> None:
         self.onboard.reset()

@@ -1,5 +1,8 @@
-"""The twin's body as a simulation: as long as the host has not got the upper body, the simulation
-may have it. The legs stand by the onboard controller."""
+"""Let a simulation drive the twin's body.
+
+The simulation may have the upper body while the host does not have it. The onboard controller keeps
+the robot on its legs.
+"""
 
 from __future__ import annotations
 
@@ -31,7 +34,7 @@ class BoosterBody:
         return (hand,) * len(self.axes)
 
     def pass_time(self) -> None:
-        """The computer's own ticks do."""
+        """Do nothing: the onboard computer's own ticks advance the body."""
 
     def felt(self) -> Felt:
         body = self._onboard.body

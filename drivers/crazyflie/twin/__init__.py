@@ -1,5 +1,4 @@
-"""A Crazyflie as a twin: its firmware on UDP, TCP or a serial line, with a body that flies behind
-it."""
+"""Run a Crazyflie as a twin: its firmware on UDP, TCP or a serial line, with a flying body behind it."""
 
 from .server import main
 

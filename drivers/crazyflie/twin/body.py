@@ -1,7 +1,7 @@
-"""The body of the twin: a rigid body in MuJoCo under the firmware's cascade of controllers.
+"""Simulate the body of the twin: a rigid body in MuJoCo under a cascade of controllers as in the firmware.
 
-Speed asks for tilt, tilt for torque; what the motors give is bounded. Gains are [assumed]: they
-make it fly, they are not the firmware's.
+A speed error gives a tilt, and a tilt error a torque. The motors' thrust and torque are bounded. The gains are
+[assumed]: they make it fly, but are not the firmware's.
 """
 
 from __future__ import annotations
@@ -16,8 +16,7 @@ from strands_actors.drivers.common.simulation_control.protocol import TIMESTEP_S
 
 GRAVITY_M_S2 = 9.81
 LONGEST_S = 0.25
-"""Time that nobody looked at is passed when somebody does, up to this: a longer stall is
-dropped."""
+"""Longest time that is simulated at once after a pause. The rest of a longer pause is skipped."""
 
 _SPEED_GAIN, _CLIMB_GAIN, _HEIGHT_GAIN, _TURN_GAIN = 4.0, 8.0, 2.0, 10.0
 _TILT_GAIN, _TILT_DAMPING = 400.0, 36.0
@@ -27,8 +26,10 @@ _MOST_LIFT_M_S2 = 5.0
 
 
 class Wanted(NamedTuple):
-    """What the commander asks of the controllers. ``level``: roll and pitch zero, whatever the
-    speed. ``z_m``: the height; None where ``vz_m_s`` counts alone."""
+    """A setpoint of the commander for the controllers.
+
+    ``level`` keeps roll and pitch at zero for any speed. ``z_m`` is the height; None if only ``vz_m_s`` counts.
+    """
 
     vx_m_s: float = 0.0
     vy_m_s: float = 0.0
@@ -36,11 +37,11 @@ class Wanted(NamedTuple):
     wz_rad_s: float = 0.0
     z_m: float | None = None
     level: bool = False
-    world: bool = True  # whether speeds are in the world's frame, or in the robot's own
+    world: bool = True  # True if speeds are in the world's frame, False for the robot's own
 
 
 class FlyingBody:
-    """At first it stands on the floor, motors off. ``wanted`` None: they are off."""
+    """The body. It starts on the floor, motors off. ``wanted`` is None while the motors are off."""
 
     def __init__(self, table: Mapping[str, Any]) -> None:
         self.spec = build(table)
@@ -57,12 +58,12 @@ class FlyingBody:
         self.reset()
 
     def reset(self) -> None:
-        """On the floor where it began, upright, at rest."""
+        """Put the body where it began: on the floor, upright, at rest."""
         mujoco.mj_resetData(self.model, self.data)
         mujoco.mj_forward(self.model, self.data)
         self.wanted = None
 
-    # -- what its estimator knows
+    # -- the estimator's values
 
     @property
     def time_s(self) -> float:
@@ -70,7 +71,7 @@ class FlyingBody:
 
     @property
     def xyz_m(self) -> tuple[float, float, float]:
-        """Where it is; the height is that of its feet."""
+        """Return the position. The height is that of the feet."""
         x, y, z = self.data.qpos[:3].tolist()
         return x, y, z - self._rest_m
 
@@ -93,12 +94,12 @@ class FlyingBody:
 
     @property
     def tilt_rad(self) -> float:
-        """Between its own axis and the vertical."""
+        """Return the angle between the body's own axis and the vertical."""
         _, x, y, _ = self.data.qpos[3:7].tolist()
         return math.acos(max(-1.0, min(1.0, 1 - 2 * (x * x + y * y))))
 
     def tip_over(self) -> None:
-        """Put it on its back on the floor, as a wall would."""
+        """Put the body on its back on the floor, as after a collision with a wall."""
         self.data.qpos[2:7] = (2 * self._rest_m, 0.0, 1.0, 0.0, 0.0)
         self.data.qvel[:] = 0.0
         mujoco.mj_forward(self.model, self.data)
@@ -106,7 +107,7 @@ class FlyingBody:
     # -- time
 
     def step(self) -> None:
-        """Let one time step pass."""
+        """Advance by one time step."""
         data = self.data
         vx, vy, vz = self.velocity_m_s
         force = [-self._drag * vx, -self._drag * vy, -self._drag * vz]
@@ -116,12 +117,12 @@ class FlyingBody:
             up = data.xmat[self._base][2::3].tolist()
             force = [drag + thrust_n * axis for drag, axis in zip(force, up, strict=True)]
         rotation = data.xmat[self._base].tolist()
-        turned = [sum(rotation[3 * row + at] * torque[at] for at in range(3)) for row in range(3)]
+        turned = [sum(rotation[3 * row + column] * torque[column] for column in range(3)) for row in range(3)]
         data.xfrc_applied[self._base] = (*force, *turned)
         mujoco.mj_step(self.model, data)
 
     def _control(self, wanted: Wanted) -> tuple[float, tuple[float, float, float]]:
-        """Return thrust and torques in the body's frame, as much as the motors can give."""
+        """Return thrust and torques in the body's frame, within the limits of the motors."""
         roll, pitch, yaw = self.rpy_rad
         vx, vy, vz = self.velocity_m_s
         cos, sin = math.cos(yaw), math.sin(yaw)

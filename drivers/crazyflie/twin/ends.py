@@ -1,4 +1,4 @@
-"""The twin's end of its link, one for each kind: packets in, packets out. What nobody takes is
+"""The twin's end of its link, one class for each kind: packets in, packets out. A packet without a receiver is
 lost."""
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ class End(Protocol):
 
 
 class UdpEnd:
-    """A packet a datagram. Whoever spoke last is answered."""
+    """One packet in each datagram. Answers go to the last sender."""
 
     def __init__(self, host: str, port: int) -> None:
         self._place = host, port
@@ -56,7 +56,7 @@ class UdpEnd:
     def unplug(self) -> None:
         if self._sock is not None:
             self._plugged = trio.Event()
-            with suppress(RuntimeError):  # no loop runs, at the end
+            with suppress(RuntimeError):  # At the end no loop runs.
                 trio.lowlevel.notify_closing(self._sock)
             self._sock.close()
             self._sock = None
@@ -68,7 +68,7 @@ class UdpEnd:
         while True:
             await self._plugged.wait()
             sock = self._sock
-            if sock is None:  # pulled again before we got to run
+            if sock is None:  # It was unplugged again before this task ran.
                 continue
             with suppress(OSError, ValueError, trio.ClosedResourceError):
                 await trio.lowlevel.wait_readable(sock)
@@ -82,7 +82,7 @@ class UdpEnd:
 
 
 class TcpEnd:
-    """CPX on TCP, one client at a time: a new one takes the place of the last."""
+    """CPX on TCP, for one client at a time: a new client replaces the last one."""
 
     def __init__(self, host: str, port: int) -> None:
         self._place = host, port
@@ -162,7 +162,7 @@ class TcpEnd:
 
 
 class SerialEnd:
-    """CPX on a serial line. It takes every frame at once, and says so."""
+    """CPX on a serial line. It takes every frame at once, and acknowledges it."""
 
     def __init__(self) -> None:
         self._line = PtyLine()
@@ -210,7 +210,7 @@ async def _wake(sock: socket.socket, scope: trio.CancelScope) -> None:
 
 
 def _crtp(packets: list[bytes]) -> list[bytes]:
-    """Return what the CPX packets carry for the firmware; what is none of that is dropped."""
+    """Return the firmware's data in CPX packets. Other packets are dropped."""
     carried = []
     for packet in packets:
         with suppress(MalformedFrame):

@@ -1,8 +1,7 @@
-"""The twin's firmware: commander, supervisor, high-level commander, log and parameters. It knows no
-sockets.
+"""Simulate the firmware: commander, supervisor, high-level commander, log and parameters. It has no sockets.
 
-Its watchdog is the real one's: without a setpoint it levels out after 0.5 s, and cuts the motors
-after 2 s. The high-level commander has none: what it was told it flies to the end.
+Its watchdog is that of the real firmware. Without a setpoint it levels out after 0.5 s, and cuts the motors after
+2 s. The high-level commander has no watchdog, and flies its plan to the end.
 """
 
 from __future__ import annotations
@@ -22,18 +21,18 @@ from .body import LONGEST_S, TIMESTEP_S, FlyingBody, Wanted
 from .tables import LOG, LOG_LAYOUTS, PARAMETERS, Reading, checksum, packed
 
 LEVEL_AFTER_S, CUT_AFTER_S = 0.5, 2.0
-"""Of the firmware's commander."""
+"""Timeouts of the firmware's commander."""
 FLYING_S = 2.0
-"""How long it counts as flying after its motors stopped [assumed]."""
+"""How long the drone counts as flying after its motors stopped [assumed]."""
 AIRBORNE_M = 0.02
 TUMBLED_RAD, TUMBLED_S = math.radians(70.0), 0.3
-"""[assumed]"""
+"""Tilt, and its duration, at which the drone counts as tumbled [assumed]."""
 LOW_V = 3.2
 USUAL_LANDING_M_S = 0.5
-"""Mean speed of a landing that names none."""
+"""Mean speed of a landing without a given speed."""
 REFUSED, UNKNOWN, BLOCKED = 1, 8, 16
-"""Status of the high-level commander: not in this state of the planner (a landing while it lands, a
-takeoff while it flies), no such order, and the supervisor lets nobody fly."""
+"""Status of the high-level commander. ``REFUSED``: not in this state of the planner (a landing during a landing, a
+takeoff in flight). ``UNKNOWN``: no such order. ``BLOCKED``: the supervisor does not permit a flight."""
 
 LOG_BYTES = 26
 HOVER_THRUST = 36000.0
@@ -41,8 +40,7 @@ HOVER_THRUST = 36000.0
 
 
 class Heard(NamedTuple):
-    """What became of a packet: its kind for the wire log, the safe state it brings, and the
-    answers."""
+    """The result of a packet: its kind for the wire log, the answers, and the safe state that it causes."""
 
     kind: str
     replies: tuple[bytes, ...] = ()
@@ -51,7 +49,7 @@ class Heard(NamedTuple):
 
 @dataclass
 class Plan:
-    """What the high-level commander flies: from one height to another."""
+    """A flight of the high-level commander from one height to another."""
 
     from_m: float
     to_m: float
@@ -64,7 +62,7 @@ class Plan:
         return self.began_s + self.duration_s
 
     def wanted(self, now_s: float) -> Wanted:
-        """Return where it is to be: the polynomial of degree 7 that leads from rest to rest."""
+        """Return the present setpoint, by the polynomial of degree 7 that leads from rest to rest."""
         share = min(1.0, (now_s - self.began_s) / self.duration_s)
         passed = share**4 * (35 - 84 * share + 70 * share**2 - 20 * share**3)
         rate = 140 * (share * (1 - share)) ** 3 / self.duration_s
@@ -75,7 +73,7 @@ class Plan:
 @dataclass
 class LogBlock:
     variables: list[tuple[int, int]] = field(default_factory=list)  # number in the table, type to send
-    period_s: float = 0.0  # 0: not started
+    period_s: float = 0.0  # 0 if it is not started
     due_s: float = 0.0
 
 
@@ -89,7 +87,7 @@ class Firmware:
         auto_arm: bool = False,
         note: Callable[[str], None] = lambda text: None,
     ) -> None:
-        """``note`` hears what the watchdog and the supervisor do by themselves."""
+        """Start the firmware. ``note`` is called for each act of the watchdog and the supervisor."""
         self.body = FlyingBody(table)
         self._now_s = now_s
         self._protocol = protocol
@@ -97,29 +95,29 @@ class Firmware:
         self._note = note
         self._seen_s = now_s()
         self.battery_v = 4.0
-        self.stuck: Reading | None = None  # what it goes on reporting
+        self.stuck: Reading | None = None  # the reading that a stuck log repeats
         self.wrong_m = 0.0
         self.boot()
 
     def boot(self) -> None:
-        """Switched off and on where it is."""
+        """Restart as after switching off and on, at the present place."""
         self._booted_s = self.time_s
         self.armed = self._auto_arm
         self.locked = self.tumbled = self.crashed = False
         self._setpoint: Wanted | None = None
         self._told_s = 0.0
-        self._plan: Plan | None = None  # None: the planner is idle, and wants the motors off
+        self._plan: Plan | None = None  # None while the planner is idle, with motors off
         self._planned_until_s = -math.inf
         self._flew_s = -math.inf
         self._tipped_s = 0.0
         self._levelled = False
         self.blocks: dict[int, LogBlock] = {}
         self.parameters = [parameter.value for parameter in PARAMETERS]
-        self.simulated = False  # whether a simulation flies it, instead of the wire
+        self.simulated = False  # True while a simulation flies the drone instead of the wire
         self._simulated: Wanted | None = None
 
     def reset(self) -> None:
-        """As at first: on the floor, just switched on."""
+        """Put the drone on the floor where it began, and boot it."""
         self.body.reset()
         self.boot()
 
@@ -134,14 +132,14 @@ class Firmware:
         return self.body.wanted is not None
 
     def pass_time(self) -> None:
-        """Until now."""
+        """Advance to the present time."""
         now_s = self._now_s()
         passed_s, self._seen_s = min(now_s - self._seen_s, LONGEST_S), now_s
         for _ in range(round(passed_s / TIMESTEP_S)):
             self.step()
 
     def step(self) -> None:
-        """Let one time step pass."""
+        """Advance by one time step."""
         blocked = not (self.may_fly or self.simulated)
         if self._plan is not None and (blocked or (self._plan.lands and self.time_s >= self._plan.ends_s)):
             self._plan = None
@@ -150,23 +148,22 @@ class Firmware:
         self._supervise()
 
     def fly(self, wanted: Wanted | None) -> None:
-        """Do as a simulation says; None: motors off."""
+        """Follow a simulation's setpoint; None switches the motors off."""
         self._simulated, self._plan = wanted, None
 
     def descend(self) -> None:
-        """Land for a simulation."""
+        """Land, for a simulation."""
         if self._simulated is not None:
             self._simulated = None
             self._begin(0.0, self.body.xyz_m[2] / LANDING_M_S, lands=True)
 
     def _begin(self, to_m: float, duration_s: float, lands: bool) -> None:
-        """Have the high-level commander fly to a height."""
+        """Let the high-level commander fly to a height."""
         plan = Plan(self._planned_m(), to_m, self.time_s, max(duration_s, TIMESTEP_S), lands)
         self._plan, self._planned_until_s = plan, plan.ends_s
 
     def _planned_m(self) -> float:
-        """Return from where the high-level commander plans: where its plan is, without one where the
-        robot is."""
+        """Return the height at which a new plan starts: that of the present plan, or of the drone."""
         planned = None if self._plan is None else self._plan.wanted(self.time_s).z_m
         return max(0.0, self.body.xyz_m[2]) if planned is None else planned
 
@@ -200,7 +197,7 @@ class Firmware:
             self._note("supervisor: tumbled")
         self.tumbled = tumbled
 
-    # -- what it says
+    # -- reports
 
     @property
     def flying(self) -> bool:
@@ -225,7 +222,7 @@ class Firmware:
             Bit.TUMBLED: self.tumbled,
             Bit.LOCKED: self.locked,
             Bit.CRASHED: self.crashed,
-            Bit.HIGH_LEVEL_ACTIVE: self._plan is not None,  # whether it is obeyed or not
+            Bit.HIGH_LEVEL_ACTIVE: self._plan is not None,  # even while a setpoint is obeyed instead
             Bit.TRAJECTORY_FINISHED: self.time_s >= self._planned_until_s,
         }
         return Bit(sum(bit for bit, on in flags.items() if on))
@@ -254,15 +251,15 @@ class Firmware:
         for number, block in self.blocks.items():
             if block.period_s and self.time_s >= block.due_s:
                 block.due_s = max(block.due_s + block.period_s, self.time_s)
-                values = (packed(LOG_LAYOUTS[kind], LOG[at].read(self.reading)) for at, kind in block.variables)
+                values = (packed(LOG_LAYOUTS[kind], LOG[row].read(self.reading)) for row, kind in block.variables)
                 stamp_ms = round((self.time_s - self._booted_s) * 1e3) % p.STAMP_WRAP_MS
                 head = bytes((number,)) + stamp_ms.to_bytes(3, "little")
                 yield p.encode(Port.LOG, 2, head + b"".join(values))
 
-    # -- what it hears
+    # -- received packets
 
     def hear(self, packet: bytes) -> Heard:
-        """Obey a packet, or answer it. What is malformed is neither."""
+        """Process a packet. A malformed one has no effect and no answer."""
         if p.is_null(packet):
             return Heard("poll", (p.encode(Port.LINK, 3),))
         try:
@@ -392,7 +389,7 @@ class Firmware:
         return self._said(Port.LOG, 1, bytes((command, data[1], self._change_block(command, data))))
 
     def _change_block(self, command: int, data: bytes) -> int:
-        """Make, start, stop or delete a block; an errno, 0 for success."""
+        """Create, start, stop or delete a block. Return an errno; 0 for success."""
         number, block = data[1], self.blocks.get(data[1])
         if command == 6:
             if block is not None:

@@ -1,6 +1,6 @@
-"""The twin as a process: its firmware behind one link, which may lose and delay packets.
+"""Run the twin as a process: its firmware behind one link, which may lose and delay packets.
 
-Beside the control lines of every twin it takes ``battery VOLTS``, ``tip-over`` (on its back) and
+Besides the control lines of every twin it takes ``battery VOLTS``, ``tip-over`` (onto its back) and
 ``link LOSS DELAY_S``.
 """
 
@@ -57,7 +57,7 @@ SEED = 23
 
 
 class CrazyflieServer:
-    """Serves one robot. Its methods are what may happen to it while it runs."""
+    """Serve one robot. The methods at the end are its faults."""
 
     def __init__(self, table: Mapping[str, Any], log: WireLog, end: End, options: CrazyflieTwinOptions) -> None:
         self._log = log
@@ -69,7 +69,7 @@ class CrazyflieServer:
         self._loss, self._delay_s = options.loss, options.delay_s
         self._lateness = Lateness()
         self._late_of: dict[tuple[str, int], float] = {}
-        self._underway: list[tuple[int, int, bool, bytes]] = []  # due, order, to the robot, packet
+        self._underway: list[tuple[int, int, bool, bytes]] = []  # time due, order, True to the robot, packet
         self._order = itertools.count()
         self.firmware = Firmware(
             table,
@@ -86,7 +86,7 @@ class CrazyflieServer:
         return self._end.address
 
     async def serve(self) -> None:
-        """Until cancelled."""
+        """Serve until cancelled."""
         async with trio.open_nursery() as nursery:
             nursery.start_soon(self._listen)
             nursery.start_soon(self._tick)
@@ -99,7 +99,7 @@ class CrazyflieServer:
                 self._pass_on(packet, to_robot=True, late_s=self._late_s())
 
     def _late_s(self) -> float:
-        """Return how late the packet that came last is taken up."""
+        """Return the delay of the newest packet, which depends on its sender."""
         peer = self._end.peer if isinstance(self._end, UdpEnd) else None
         if peer is None:
             return 0.0
@@ -123,7 +123,7 @@ class CrazyflieServer:
     # -- the link
 
     def _pass_on(self, packet: bytes, to_robot: bool, late_s: float = 0.0) -> None:
-        """Lose a packet, or let it arrive, now or later."""
+        """Lose a packet, deliver it now, or deliver it later."""
         if self._loss and self._chance.random() < self._loss:
             return
         late_s += self._delay_s
@@ -158,10 +158,10 @@ class CrazyflieServer:
     def _note(self, text: str) -> None:
         self._log.write(time.monotonic_ns(), "robot", [("note", text.encode())])
 
-    # -- what may happen to it
+    # -- faults
 
     def set_fault(self, text: str) -> None:
-        """``WORD``: there is one speaker. Raise ``ValueError``."""
+        """Set a fault, by its word alone, since there is only one sender. Raise ``ValueError``."""
         fault, unit = parse_fault(text)
         if unit is not None:
             raise ValueError(f"fault {text!r}: a Crazyflie has no units. use {fault}")
@@ -185,12 +185,12 @@ class CrazyflieServer:
         self._end.unplug()
 
     def be_late(self, lateness: Lateness) -> None:
-        """Take up later what one process says over UDP."""
+        """Delay the packets of one process, over UDP."""
         self._lateness = lateness
         self._late_of.clear()
 
     def freeze(self, seconds: float) -> None:
-        """Neither read nor answer for so long; then take up what waited."""
+        """Neither read nor answer for so many seconds, then process the waiting packets."""
         self._frost.freeze(seconds)
 
     def order(self, words: Sequence[str]) -> bool:
@@ -212,7 +212,7 @@ class CrazyflieServer:
 
 
 def open_end(options: CrazyflieTwinOptions) -> End:
-    """Return the robot's end of the link that ``options`` ask for. Raise ``OSError``."""
+    """Open the robot's end of the link in ``options``. Raise ``OSError``."""
     host, port = options.host or own_host(), options.port
     ends: dict[str, Callable[[], End]] = {
         "udp": lambda: UdpEnd(host, port),

@@ -1,5 +1,4 @@
-"""The twin's body as a simulation: what the wire flies follows the wire; the rest the simulation
-may fly."""
+"""Let a simulation fly the twin's body. While the wire flies it, it follows the wire."""
 
 from __future__ import annotations
 
@@ -42,24 +41,24 @@ class CrazyflieBody:
         return pose
 
     def take(self, on: bool) -> None:
-        """Fly it, or switch its motors off. At first it stays on the floor, motors off."""
+        """Take or release the drone. A taken drone stays on the floor at first, motors off."""
         if Hand.WIRE not in self.hands:
             self._firmware.simulated = on
             self._firmware.fly(None)
 
     def aim(self, values: Sequence[float]) -> None:
-        """Fly so, in the world's frame; without a climb, at the height ``z``."""
+        """Fly at these speeds in the world's frame. Without a climb speed, fly at the height ``z``."""
         if self._firmware.simulated:
             vx, vy, vz, wz, z = values
             self._firmware.fly(Wanted(vx, vy, vz, wz, None if vz else z))
 
     def hold(self) -> None:
-        """Hover where it is; on the floor stay there."""
+        """Hover at the present place. On the floor, stay there."""
         if self._firmware.simulated and self._firmware.motors_on:
             self._firmware.fly(Wanted(z_m=max(0.0, self._firmware.body.xyz_m[2])))
 
     def land(self) -> None:
-        """Go down to the floor, and switch the motors off there."""
+        """Land, and switch the motors off on the floor."""
         if self._firmware.simulated:
             self._firmware.descend()
 

@@ -1,7 +1,6 @@
-"""The twin's tables of log variables and parameters, as a client reads them: group, name, type,
-value.
+"""The twin's tables of log variables and parameters, as a client reads them: group, name, type, value.
 
-Names and types are the firmware's; the real tables are some hundred rows longer.
+Names and types are those of the firmware. The real tables are some hundred rows longer.
 """
 
 from __future__ import annotations
@@ -20,7 +19,7 @@ _READ_ONLY = 0x40
 
 
 class Reading(NamedTuple):
-    """What the estimator knows, in the firmware's units."""
+    """The values of the estimator, in the firmware's units."""
 
     xyz_m: tuple[float, float, float]
     velocity_m_s: tuple[float, float, float]
@@ -70,7 +69,7 @@ LOG: tuple[Variable, ...] = (
 class Parameter(NamedTuple):
     group: str
     name: str
-    kind: int  # with _READ_ONLY where nobody may write it
+    kind: int  # includes _READ_ONLY for a parameter that cannot be written
     value: float
 
     @property
@@ -92,13 +91,13 @@ PARAMETERS: tuple[Parameter, ...] = (
 
 
 def checksum(rows: object) -> int:
-    """Return what tells a client whether it has this table already."""
+    """Return the checksum by which a client knows that it already has this table."""
     names = ",".join(f"{row[0]}.{row[1]}:{row[2]}" for row in rows)  # type: ignore[attr-defined]
     return zlib.crc32(names.encode())
 
 
 def packed(layout: str, value: float) -> bytes:
-    """Return a value as its type; one that does not fit is the nearest that does."""
+    """Encode a value as its type. A value out of range becomes the nearest limit."""
     if layout[-1] in "fe":
         return struct.pack(layout, value)
     bits = 8 * struct.calcsize(layout)

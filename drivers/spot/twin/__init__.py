@@ -1,8 +1,8 @@
-"""A Spot as a twin: its nine services on one port, behind TLS, with a clock that is two minutes
-ahead. Its address names the certificate to believe: ``127.1.2.3:40000?ca=PATH``.
+"""Run a Spot as a twin: its nine services on one port, behind TLS, with a clock that is two minutes
+ahead. Its address names the certificate to trust: ``127.1.2.3:40000?ca=PATH``.
 
-Control lines of its own: ``steal NAME`` takes the lease, ``press`` and ``release`` are for its
-e-stop button, ``mute METHOD ...`` keeps these from being answered.
+Control lines of this twin: ``steal NAME`` takes the lease, ``press`` and ``release`` operate its e-stop
+button, ``mute METHOD ...`` suppresses the answers of these methods.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ _TICK_S = 0.01
 
 
 class SpotServer(TcpServer):
-    """Serves one twin at one port."""
+    """Serve one twin at one port."""
 
     def __init__(self, twin: SpotTwin, port: int, log: WireLog, host: str | None) -> None:
         self._twin = twin

@@ -1,4 +1,7 @@
-"""The robot as a simulation. What the wire drives follows the wire; taken, it stands up."""
+"""Let a simulation drive the twin's robot.
+
+Parts that the wire drives follow the wire. When the simulation takes the robot, it stands up.
+"""
 
 from __future__ import annotations
 

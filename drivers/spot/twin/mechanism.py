@@ -1,4 +1,4 @@
-"""The body behind the twin's services: it stands up, walks and sits, and its arm follows."""
+"""Simulate the body behind the twin's services: it stands up, walks and sits, and its arm follows."""
 
 from __future__ import annotations
 
@@ -12,8 +12,7 @@ from strands_actors.drivers.spot.robots import ARM, CLAW
 
 _STEP_S = 0.005
 _LONGEST_S = 0.25
-"""Time that nobody looked at is passed when somebody does, up to this: a longer stall is
-dropped."""
+"""Longest time that is simulated at once after a pause. The rest of a longer pause is skipped."""
 
 REST = (0.0, 0.0, 0.0)
 Twist = tuple[float, float, float]
@@ -29,11 +28,11 @@ class Mechanism:
         self.reset()
 
     def reset(self) -> None:
-        """Sitting where it began, motors off, the arm stowed."""
+        """Put the robot where it began: sitting, motors off, the arm stowed."""
         self.hand = Hand.NONE
         self.motors = Motors.OFF
         self.up = 0.0
-        """How far it stands: 0 sits, 1 stands."""
+        """How far the robot has stood up: 0 sits, 1 stands."""
         self.wants_up = False
         self._cuts_when_down = False
         self._on_in_s = 0.0
@@ -46,7 +45,7 @@ class Mechanism:
         self._goal = list(self.joints)
         self.stuck = False
 
-    # -- what it is told
+    # -- commands
 
     def power_on(self, at_once: bool = False) -> None:
         self.pass_time()
@@ -55,7 +54,7 @@ class Mechanism:
             self._on_in_s = float(self._table["power_on_s"])
 
     def cut(self) -> None:
-        """Motors off at once, wherever it is: what stands falls."""
+        """Switch motors off at once, in any pose. A standing robot falls."""
         self.pass_time()
         self._switch_off()
 
@@ -66,7 +65,7 @@ class Mechanism:
         self.hand = Hand.NONE
 
     def settle(self) -> None:
-        """Sit, then motors off."""
+        """Sit, then switch motors off."""
         self.pass_time()
         self.halt()
         self.wants_up, self._cuts_when_down = False, True
@@ -85,27 +84,27 @@ class Mechanism:
         self.wants_up = False
 
     def halt(self) -> None:
-        """Stand still, arm and all."""
+        """Stand still, with the arm at rest."""
         self.told, self._ends_s = REST, math.inf
         self._goal = list(self.joints)
 
     def walk(self, twist: Twist, for_s: float, hand: Hand) -> None:
-        """Walk so, for so long; a robot that sits stands up for it."""
+        """Walk with this twist for ``for_s`` seconds. A sitting robot stands up first."""
         self.pass_time()
         self.wants_up, self._cuts_when_down = True, False
         self.told, self.hand = twist, hand
         self._ends_s = self.time_s + for_s
 
     def reach(self, goals_rad: Mapping[int, float], hand: Hand) -> None:
-        """Move joints of the arm, by index; what is past a range stays at its end."""
+        """Move joints of the arm, by index. A goal outside a range is limited to the range."""
         self.pass_time()
         self.hand = hand
         ranges = list(self._table["joints_rad"].values())
-        for at, goal in goals_rad.items():
-            low, high = ranges[at]
-            self._goal[at] = min(max(goal, low), high)
+        for index, goal in goals_rad.items():
+            low, high = ranges[index]
+            self._goal[index] = min(max(goal, low), high)
 
-    # -- what it is
+    # -- state
 
     @property
     def stands(self) -> bool:
@@ -113,12 +112,12 @@ class Mechanism:
 
     @property
     def arrived(self) -> bool:
-        """Whether the arm is where it was told to be."""
+        """Return True if the arm is at its goal."""
         return self.joints == self._goal
 
     @property
     def walks(self) -> bool:
-        """Whether it is told to move, or still does."""
+        """Return True if the robot is commanded to move, or still moves."""
         return self.told != REST or any(abs(speed) > 1e-9 for speed in self.runs)
 
     @property
@@ -128,22 +127,22 @@ class Mechanism:
 
     @property
     def leg_rad(self) -> tuple[float, float, float]:
-        """Hip twice, and knee, of each leg."""
+        """Return the angles of each leg: two of the hip, one of the knee."""
         low, high = self._table["sit_leg_rad"], self._table["stand_leg_rad"]
         hx, hy, kn = (a + (b - a) * self.up for a, b in zip(low, high, strict=True))
         return hx, hy, kn
 
     def pass_time(self) -> None:
-        """Until now."""
+        """Advance to the present time."""
         now_s = self._now_s()
         passed_s, self._seen_s = now_s - self._seen_s, now_s
         late_s = passed_s - _LONGEST_S
         if late_s > 0:
-            self.time_s += late_s  # a twist ends although nobody looked
+            self.time_s += late_s  # A twist ends on time, even during a pause.
         self.run(min(passed_s, _LONGEST_S))
 
     def run(self, seconds: float) -> None:
-        """Let so much time pass."""
+        """Advance by so many seconds."""
         while seconds > 0:
             step_s = min(seconds, _STEP_S)
             seconds -= step_s
@@ -165,20 +164,20 @@ class Mechanism:
             if self._cuts_when_down and self.up == 0.0:
                 self._switch_off()
         moving = self.motors is Motors.ON and self.stands and not self.stuck
-        wanted = self.told if moving else REST
+        goal_speeds = self.told if moving else REST
         ramp = float(table["ramp_m_s2"]) * step_s
-        vx, vy, wz = (_towards(run, want, ramp) for run, want in zip(self.runs, wanted, strict=True))
+        vx, vy, wz = (_towards(run, goal, ramp) for run, goal in zip(self.runs, goal_speeds, strict=True))
         self.runs = vx, vy, wz
         ahead, across = math.cos(self.yaw_rad), math.sin(self.yaw_rad)
         self.x_m += (vx * ahead - vy * across) * step_s
         self.y_m += (vx * across + vy * ahead) * step_s
         self.yaw_rad += wz * step_s
         most = float(table["arm_rad_s"]) * step_s if self.motors is Motors.ON and not self.stuck else 0.0
-        for at, goal in enumerate(self._goal):
-            before = self.joints[at]
-            self.joints[at] = _towards(before, goal, most)
-            self.speeds[at] = (self.joints[at] - before) / step_s
+        for index, goal in enumerate(self._goal):
+            before = self.joints[index]
+            self.joints[index] = _towards(before, goal, most)
+            self.speeds[index] = (self.joints[index] - before) / step_s
 
 
-def _towards(now: float, wanted: float, most: float) -> float:
-    return now + max(-most, min(most, wanted - now))
+def _towards(now: float, goal: float, most: float) -> float:
+    return now + max(-most, min(most, goal - now))

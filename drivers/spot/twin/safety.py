@@ -1,4 +1,4 @@
-"""Who may command the twin, and whether anybody may: leases and e-stop, as the robot keeps them."""
+"""The twin's leases and its e-stop, as the robot keeps them."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from strands_actors.drivers.spot.messages import Message
 
 EPOCH = "twin"
 _STEP = 7
-"""From one challenge to the next."""
+"""Difference between one challenge and the next."""
 
 
 class Leases:
@@ -21,7 +21,7 @@ class Leases:
         self._newest: list[int] = []
 
     def acquire(self, client: str, take: bool = False) -> Message:
-        """Return a reply: the lease, or who has it."""
+        """Return a reply with the lease, or with its owner."""
         if self.owner and not take:
             return {"status": p.LEASE_CLAIMED, "lease_owner": {"client_name": self.owner}}
         self._number += 1
@@ -35,18 +35,22 @@ class Leases:
         return {"status": p.OK, "lease": lease, "lease_owner": {"client_name": client}}
 
     def give_back(self, lease: Message) -> int:
-        """Return the status of the reply: 3, it is not the lease that counts."""
+        """Return the status of the reply. 3 means that this is not the lease in force."""
         if not self.owner or lease.get("sequence", [])[:1] != [self._number]:
             return 3
         self.owner = ""
         return p.OK
 
     def use(self, lease: Message) -> Message:
-        """Return what a reply says of the lease that a request came with."""
-        told = {"status": int(self._status(lease)), "owner": {"client_name": self.owner}, "attempted_lease": lease}
-        if told["status"] == p.LeaseUse.OK:
+        """Return the part of a reply that judges the lease of the request."""
+        result = {
+            "status": int(self._status(lease)),
+            "owner": {"client_name": self.owner},
+            "attempted_lease": lease,
+        }
+        if result["status"] == p.LeaseUse.OK:
             self._newest = list(lease["sequence"])
-        return told
+        return result
 
     def listed(self) -> Message:
         return {
@@ -67,7 +71,7 @@ class Leases:
 
 
 class _End:
-    """One endpoint that was registered."""
+    """One registered endpoint."""
 
     def __init__(self, endpoint: Message, now_s: float) -> None:
         self.endpoint = endpoint
@@ -76,7 +80,7 @@ class _End:
         self.challenge = 1000
 
     def level_at(self, now_s: float) -> p.StopLevel:
-        """One that does not check in lets the robot settle."""
+        """Return the level. An endpoint without a recent check-in lets the robot settle."""
         late = now_s - self.heard_s > p.stamp_ns(self.endpoint.get("timeout", {})) / p.NS
         return min(self.level, p.StopLevel.SETTLE_THEN_CUT) if late else self.level
 
@@ -93,7 +97,7 @@ class Estop:
 
     @property
     def level(self) -> p.StopLevel:
-        """What the robot does: the most severe of all that is said."""
+        """Return the robot's level: the most severe one of all endpoints and the button."""
         levels = [end.level_at(self._now_s()) for end in self._ends.values()]
         if self.pressed or not levels:
             return p.StopLevel.CUT

@@ -1,4 +1,4 @@
-"""The nine services of the twin, behind one port: requests in, replies out."""
+"""Serve the nine services of the twin behind one port: requests in, replies out."""
 
 from __future__ import annotations
 
@@ -21,11 +21,11 @@ from .mechanism import JOINTS, Mechanism
 from .safety import Estop, Leases
 
 SKEW_S = 123.456
-"""How far the robot's clock is ahead of the host's."""
+"""How far the robot's clock is ahead of the host's, by default."""
 TOO_DISTANT_S = 600.0
 WRONG_PASSWORD = "wrong"
 WRONG_M_S = 0.5
-"""By so much a robot whose readings are wrong is quicker than it is."""
+"""Error of the reported speed of a robot with wrong readings."""
 TOKEN = "twin-token"
 CLOCK = "twin-clock"
 _PATHS: Mapping[str, p.Method] = {method.path: method for method in p.METHODS.values()}
@@ -35,8 +35,16 @@ Logged = tuple[str, str | None]
 
 
 class SpotTwin:
-    """One robot for all its clients. ``sync_s``: so long after the first question its time sync is
-    not ready; ``arm``: whether it has one."""
+    """One robot for all its clients.
+
+    Args:
+        robot: Name of the robot.
+        now_s: The monotonic clock.
+        skew_s: How far the robot's clock is ahead of the host's.
+        sync_s: How long after the first request the time sync is not ready.
+        arm: True if the robot has an arm.
+        wall_ns: The host's clock.
+    """
 
     def __init__(
         self,
@@ -55,7 +63,7 @@ class SpotTwin:
         self.leases = Leases()
         self.faults = Faults()
         self.muted: set[str] = set()
-        """Methods that are carried out, and never answered."""
+        """Methods that are carried out and never answered."""
         self._now_s = now_s
         self._wall_ns = wall_ns
         self._skew_s = skew_s
@@ -65,10 +73,10 @@ class SpotTwin:
         self._command = 0
         self._stuck: Message | None = None
 
-    # -- what may happen to it
+    # -- faults
 
     def set_fault(self, fault: Fault, unit: int | None = None) -> None:
-        """``unit``: of no meaning here, there is one speaker."""
+        """Set a fault. ``unit`` has no meaning here: the robot is the only sender."""
         self.mechanism.pass_time()
         self._stuck = self.state() if fault is Fault.STUCK else None
         self.mechanism.stuck = fault is Fault.STUCK
@@ -77,12 +85,12 @@ class SpotTwin:
             self.power_cycle()
 
     def power_cycle(self) -> None:
-        """Everything as after it was switched on: nobody has a lease, nor an endpoint."""
+        """Restart as after a boot: no client has the lease, and there is no endpoint."""
         self.mechanism.reset()
         self.estop, self.leases = Estop(self._now_s), Leases()
 
     def order(self, words: Sequence[str]) -> bool:
-        """Carry out a control line of this robot's own."""
+        """Carry out a control line of this twin."""
         match words:
             case ["steal", owner]:
                 self.leases.acquire(owner, take=True)
@@ -97,7 +105,7 @@ class SpotTwin:
         return True
 
     def pass_time(self) -> None:
-        """Until now: what the e-stop says is done."""
+        """Advance to the present time, and carry out the level of the e-stop."""
         self.mechanism.pass_time()
         level = self.estop.level
         if self.mechanism.hand is Hand.SIM or self.mechanism.motors is Motors.OFF:
@@ -118,16 +126,16 @@ class SpotTwin:
         method = _PATHS[call.path]
         request = decode(method.request, message)
         self.pass_time()
-        told, (kind, safe_state) = self.answer(method.name, request)
+        reply, (kind, safe_state) = self.answer(method.name, request)
         call.heard(t_ns, kind, message, safe_state)
         if method.name not in self.muted:
-            call.answer(encode(method.reply, {"header": self._header(request), **told}))
+            call.answer(encode(method.reply, {"header": self._header(request), **reply}))
 
     def over(self, call: ServerCall) -> None:
-        """Nothing is kept of a call."""
+        """Do nothing: no state is kept for a call."""
 
     def answer(self, name: str, request: Message) -> tuple[Message, Logged]:
-        """Do what is asked; return the reply, and the kind of the request for the wire log. Raise
+        """Carry out a request. Return the reply, and the kind of the request for the wire log. Raise
         ``MalformedFrame``."""
         client = request.get("header", {}).get("client_name", _UNNAMED)
         lease = request.get("lease", {})
@@ -155,9 +163,9 @@ class SpotTwin:
             case "GetRobotState":
                 return {"robot_state": self._stuck or self.state()}, ("read", None)
             case "PowerCommand":
-                told = self._power(request, lease)
-                taken = told.get("status") in (p.Power.SUCCESS, p.Power.IN_PROGRESS)
-                return told, ("enable" if taken else "other", None)
+                reply = self._power(request, lease)
+                taken = reply.get("status") in (p.Power.SUCCESS, p.Power.IN_PROGRESS)
+                return reply, ("enable" if taken else "other", None)
             case "PowerCommandFeedback":
                 return {"status": int(self._power_status())}, ("read", None)
             case "RobotCommand":
@@ -172,22 +180,22 @@ class SpotTwin:
         is_on = self.mechanism.motors is not Motors.OFF
         match name:
             case "SetEstopConfig":
-                told = self.estop.set_config(request.get("config", {}), request.get("target_config_id", ""), is_on)
+                reply = self.estop.set_config(request.get("config", {}), request.get("target_config_id", ""), is_on)
             case "GetEstopConfig":
                 return {"active_config": self.estop.config}, ("read", None)
             case "RegisterEstopEndpoint":
-                told = self.estop.register(request.get("new_endpoint", {}), request.get("target_config_id", ""))
+                reply = self.estop.register(request.get("new_endpoint", {}), request.get("target_config_id", ""))
             case "DeregisterEstopEndpoint":
-                told = {"status": self.estop.deregister(request.get("target_endpoint", {}), is_on)}
+                reply = {"status": self.estop.deregister(request.get("target_endpoint", {}), is_on)}
             case "GetEstopSystemStatus":
                 return {"status": self.estop.status()}, ("read", None)
             case _:
                 if request.get("stop_level") not in tuple(p.StopLevel):
                     raise MalformedFrame(f"stop level {request.get('stop_level')}")
-                told = self.estop.check_in(request)
+                reply = self.estop.check_in(request)
                 self.pass_time()
-                return {"request": request, **told}, _logged_check_in(request, told)
-        return {"request": request, **told}, ("config", None)
+                return {"request": request, **reply}, _logged_check_in(request, reply)
+        return {"request": request, **reply}, ("config", None)
 
     def _header(self, request: Message) -> Message:
         stamp = p.stamp(self.robot_ns())
@@ -214,10 +222,10 @@ class SpotTwin:
         now_s = self._now_s()
         if self._sync_since_s is None:
             self._sync_since_s = now_s
-        told: Message = {"clock_identifier": CLOCK, "state": {"status": 2}}
+        reply: Message = {"clock_identifier": CLOCK, "state": {"status": 2}}
         trip = request.get("previous_round_trip")
         if trip is None:
-            return told
+            return reply
         client_tx, server_rx, server_tx, client_rx = (
             p.stamp_ns(trip.get(key, {})) for key in ("client_tx", "server_rx", "server_tx", "client_rx")
         )
@@ -225,7 +233,7 @@ class SpotTwin:
         skew_ns = (server_rx - client_tx + server_tx - client_rx) // 2
         estimate = {"round_trip_time": p.stamp(round_trip_ns), "clock_skew": p.stamp(skew_ns)}
         if now_s - self._sync_since_s < self._sync_s:
-            return {**told, "previous_estimate": estimate}
+            return {**reply, "previous_estimate": estimate}
         state = {"best_estimate": estimate, "status": p.OK, "measurement_time": p.stamp(self.robot_ns())}
         return {"clock_identifier": CLOCK, "previous_estimate": estimate, "state": state}
 
@@ -261,16 +269,16 @@ class SpotTwin:
         command = request.get("command", {})
         kind, safe_state = _kind_of(command)
         use = self.leases.use(lease)
-        told: Message = {"lease_use_result": use}
+        reply: Message = {"lease_use_result": use}
         if use["status"] == p.OK:
             self._command += 1
             status = self._status_of(command, request.get("clock_identifier", ""))
-            told |= {"status": int(status), "robot_command_id": self._command}
-        if kind == "safe" and told.get("status") not in (p.Command.OK, p.Command.NOT_POWERED_ON):
+            reply |= {"status": int(status), "robot_command_id": self._command}
+        if kind == "safe" and reply.get("status") not in (p.Command.OK, p.Command.NOT_POWERED_ON):
             safe_state = ""
-        if kind == "enable" and told.get("status") != p.Command.OK:
-            kind = "other"  # it is refused, and has no effect
-        return told, (kind, safe_state)
+        if kind == "enable" and reply.get("status") != p.Command.OK:
+            kind = "other"  # A refused command has no effect.
+        return reply, (kind, safe_state)
 
     def _status_of(self, command: Message, clock: str) -> p.Command:
         mechanism, whole, parts = (
@@ -343,10 +351,10 @@ class SpotTwin:
         arm = {"status": 1, "arm_joint_move_feedback": {"status": 1 if self.mechanism.arrived else 2}}
         return {"synchronized_feedback": {"mobility_command_feedback": mobility, "arm_command_feedback": arm}}
 
-    # -- what it reports
+    # -- reports
 
     def state(self) -> Message:
-        """Return the robot's state now."""
+        """Return the robot's present state."""
         mechanism = self.mechanism
         vx, vy, wz = mechanism.runs
         if self.faults.of(None) is Fault.WRONG:
@@ -395,13 +403,13 @@ class SpotTwin:
 
     def _joints(self) -> list[Message]:
         mechanism = self.mechanism
-        told = {wire_name(key): (mechanism.leg_rad[at % 3], 0.0) for at, key in enumerate(LEGS)}
+        joints = {wire_name(key): (mechanism.leg_rad[index % 3], 0.0) for index, key in enumerate(LEGS)}
         if self._has_arm:
             both = zip(JOINTS, mechanism.joints, mechanism.speeds, strict=True)
-            told |= {wire_name(key): (position, speed) for key, position, speed in both}
+            joints |= {wire_name(key): (position, speed) for key, position, speed in both}
         return [
             {"name": name, "position": {"value": position}, "velocity": {"value": speed}}
-            for name, (position, speed) in told.items()
+            for name, (position, speed) in joints.items()
         ]
 
 
@@ -415,7 +423,7 @@ def _entry(service: str) -> Message:
 
 
 def _kind_of(command: Message) -> Logged:
-    """Return kind and safe state of a command, for the wire log."""
+    """Return the kind and the safe state of a command, for the wire log."""
     whole, parts = command.get("full_body_command", {}), command.get("synchronized_command", {})
     base = parts.get("mobility_command", {})
     if "safe_power_off_request" in whole:

@@ -1,5 +1,8 @@
-"""The twin's end of TLS. Its key is published with it: nobody is to believe it but who was told to,
-by ``?ca=``. The key that it was signed with was thrown away."""
+"""The twin's end of TLS.
+
+Its private key is published, so only clients that are given ``?ca=`` may trust it. The key that signed it
+was thrown away.
+"""
 
 from __future__ import annotations
 
@@ -23,7 +26,7 @@ def server_context() -> ssl.SSLContext:
 
 
 class TlsConnection(Connection):
-    """A client's connection, as plain bytes."""
+    """A client's connection, decrypted."""
 
     def __init__(self, below: Connection, context: ssl.SSLContext) -> None:
         self._below = below
@@ -32,23 +35,23 @@ class TlsConnection(Connection):
         self.frost = below.frost
 
     async def shake_hands(self) -> None:
-        """Raise ``ClientGone``."""
-        self._early = 0, b""  # what came behind the handshake in one piece, and when
+        """Complete the handshake. Raise ``ClientGone``."""
+        self._early = 0, b""  # bytes that came in one piece with the handshake, and their time
         while not self._records.is_up:
             t_ns, data = await self._below.receive()
             self._early = t_ns, self._hear(data)
 
     async def receive(self) -> tuple[int, bytes]:
-        """Return the next bytes and when they were read. Raise ``ClientGone``."""
+        """Return the next bytes and the time of reading. Raise ``ClientGone``."""
         t_ns, early = self._early
         if early:
             self._early = 0, b""
             return t_ns, early
         while True:
             t_ns, data = await self._below.receive()
-            told = self._hear(data)
-            if told:
-                return t_ns, told
+            plain = self._hear(data)
+            if plain:
+                return t_ns, plain
 
     def send(self, data: bytes) -> None:
         try:
@@ -63,10 +66,10 @@ class TlsConnection(Connection):
 
     def _hear(self, data: bytes) -> bytes:
         try:
-            told = self._records.hear(data)
+            plain = self._records.hear(data)
         except ssl.SSLError:
             raise ClientGone from None
         outgoing = self._records.outgoing()
         if outgoing:
             self._below.send(outgoing)
-        return told
+        return plain

@@ -1,4 +1,4 @@
-"""A Stretch as a twin: every board on a port of its own, and a robot that drives on a floor."""
+"""Run a Stretch as a twin: every board on its own port, and a robot that drives on a floor."""
 
 from __future__ import annotations
 
@@ -18,8 +18,8 @@ class StretchTwinOptions(TwinOptions, frozen=True):
 
 
 def main(robot: str, *, options: Mapping[str, Any] | None = None, **start: Unpack[Start]) -> None:
-    """Serve a robot of ``robots.toml`` until interrupted (see ``common.twin.run``). More control
-    lines: see ``StretchServer.order``."""
+    """Serve a robot of ``robots.toml`` until interrupted (see ``common.twin.run``). ``StretchServer.order`` has
+    its own control lines."""
     given = read_twin_options(robot, StretchTwinOptions, options)
     world = World(TABLES.canonical(robot))
 

@@ -1,4 +1,4 @@
-"""What hears each port of the twin: a board that answers calls, or a chain of servos."""
+"""Answer each port of the twin: a board that answers calls, or a chain of servos."""
 
 from __future__ import annotations
 
@@ -20,14 +20,14 @@ from .stepper import FIRMWARE, PROTOCOL, VARIANT, StepperMotor
 from .world import WACC_NUMBER, World
 
 STEPPER_TYPES = {LEFT: 1, RIGHT: 2, ARM: 3, LIFT: 4}
-"""As the boards have it in flash."""
+"""Types of the steppers, as the boards have them in flash."""
 
 WRONG_RAD = 50.0
-"""By so much a stepper whose readings are wrong is elsewhere."""
+"""Error of the reported position of a stepper with wrong readings."""
 
 
 class Heard(NamedTuple):
-    """One frame of the host. ``act``: what the robot does with it."""
+    """One frame of the host. ``act`` carries it out."""
 
     kind: str
     act: Callable[[], Exchange]
@@ -35,12 +35,12 @@ class Heard(NamedTuple):
 
 class Ear(Protocol):
     def frames(self, data: bytes, bits_per_s: int | None) -> Iterator[Heard]:
-        """Return the frames in some bytes of the host; nothing is done yet."""
+        """Return the frames in some bytes of the host, without carrying them out."""
         ...
 
 
 class BoardEar(ABC):
-    """One board: both transports, and the calls that its kind knows. ``number``: its unit."""
+    """One board: both transports, and the calls of its kind. ``number`` is its unit."""
 
     INFO_CALL: int
     INFO: tuple[str, str]
@@ -57,11 +57,11 @@ class BoardEar(ABC):
 
     @abstractmethod
     def do(self, call: int, data: bytes) -> bytes:
-        """Do a call and return what its reply has behind its number. Raise ``MalformedFrame``."""
+        """Carry out a call. Return its reply without the number. Raise ``MalformedFrame``."""
 
     @abstractmethod
     def kind_of(self, call: int, data: bytes) -> str:
-        """What a call means for the log. Raise ``MalformedFrame``."""
+        """Return the kind of a call for the log. Raise ``MalformedFrame``."""
 
     @property
     def fault(self) -> Fault:
@@ -72,7 +72,7 @@ class BoardEar(ABC):
             yield Heard(self._kind(frame), partial(self._act, frame))
 
     def _kind(self, frame: f.Frame) -> str:
-        """What a frame completes; the parts before it are nothing yet."""
+        """Return the kind of the call that a frame completes. An earlier part of a call has no effect yet."""
         if frame.code in (f.PULL_FIRST, f.PULL_NEXT, f.V0_START, f.V0_SEND_LAST, f.V0_GET):
             return "read"
         call = {f.PUSH_ONLY: frame.data, f.PUSH_LAST: self._call + frame.data}.get(frame.code, b"")
@@ -93,7 +93,7 @@ class BoardEar(ABC):
         return Exchange(kind, request, faulty, self.world.safe_state if kind == "safe" else None)
 
     def _answer(self, frame: f.Frame) -> bytes | None:
-        """Return the frame that answers; None: it is none that is answered."""
+        """Return the frame that answers; None if the frame has no answer."""
         match frame.code:
             case f.PUSH_ONLY:
                 return f.frame(f.PUSH_ACK, self._reply(frame.data)[: f.CHUNK_V1])
@@ -174,7 +174,7 @@ class StepperEar(BoardEar):
         return b""
 
     def _status(self) -> p.StepperStatus:
-        """A board that is stuck reports what it reported."""
+        """Return the status. A stuck board repeats its last one."""
         if self.fault is not Fault.STUCK:
             self._frozen = self._motor.status()
         frozen = self._frozen
@@ -216,7 +216,7 @@ class PimuEar(BoardEar):
         return b""
 
     def _status(self) -> p.PimuStatus:
-        """As a stepper's: one that is stuck reports what it reported."""
+        """Return the status. A stuck board repeats its last one."""
         if self.fault is not Fault.STUCK:
             self._frozen = self.world.pimu_status()
         return self._frozen
@@ -239,8 +239,7 @@ class WaccEar(BoardEar):
 
 
 class ChainEar:
-    """A chain of servos, on the clock of the robot. ``driven``: ids of those that are not the
-    gripper's."""
+    """A chain of servos, with the robot's clock. ``driven`` are the ids of all servos but the gripper's."""
 
     def __init__(self, world: World, bus: DynamixelBus, driven: frozenset[int]) -> None:
         self._world = world
@@ -260,11 +259,11 @@ class ChainEar:
         return Exchange(kind, dxl.frame(*packet), replies, safe_state)
 
     def _note(self, kind: str, packet: dxl.Packet) -> None:
-        """Note which servos are on their way, and which were told to stop."""
-        told = frozenset({packet.id})
+        """Note the servos that got a goal, and those that were stopped."""
+        ids = frozenset({packet.id})
         if packet.id == dxl.BROADCAST:
-            told = frozenset(dxl.rows_of(packet)[1]) if packet.code == dxl.SYNC_WRITE else self._driven
+            ids = frozenset(dxl.rows_of(packet)[1]) if packet.code == dxl.SYNC_WRITE else self._driven
         if kind == "setpoint":
-            self._world.dirty_servos |= told & self._driven
+            self._world.dirty_servos |= ids & self._driven
         elif kind == "safe":
-            self._world.dirty_servos -= told
+            self._world.dirty_servos -= ids

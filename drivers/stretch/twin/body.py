@@ -1,4 +1,4 @@
-"""A Stretch as a simulation: what the wire drives follows the wire."""
+"""Let a simulation drive the twin's robot. Parts that the wire drives follow the wire."""
 
 from __future__ import annotations
 
@@ -19,9 +19,9 @@ class StretchBody:
         self._config = world.config
         self.axes = self._config.axes
         self._servos = [
-            (bus.plant, at)
+            (bus.plant, index)
             for chain, bus in zip(self._config.chains, world.chains, strict=True)
-            for at in range(len(chain.joints))
+            for index in range(len(chain.joints))
         ]
 
     def pass_time(self) -> None:
@@ -54,7 +54,7 @@ class StretchBody:
         return Felt(world.time_s, position, velocity, (0.0,) * len(self.axes), self.hands)
 
     def pose(self) -> Sequence[float]:
-        """In the order of the model's rows: the base, lift and arm, wrist and gripper, head."""
+        """Return the pose in the order of the model's rows: base, lift and arm, wrist and gripper, head."""
         world = self._world
         rows = [world.metres(LIFT), world.metres(ARM)]
         wrist, head = (bus.plant for bus in world.chains)
@@ -81,12 +81,12 @@ class StretchBody:
             motor, own = world.steppers[name], config.motors[name]
             if motor.hand is Hand.SIM:
                 goal = min(max(target[name], own.low_m), own.high_m)
-                told = config.goal(name, goal)
-                motor.aim(told.position, told.velocity, told.acceleration)
+                command = config.goal(name, goal)
+                motor.aim(command.position, command.velocity, command.acceleration)
         for name, speed in zip((LEFT, RIGHT), config.wheels(target["vx"], target["wz"]), strict=True):
             if world.steppers[name].hand is Hand.SIM:
-                told = config.drive(name, speed)
-                world.steppers[name].spin(told.velocity, told.acceleration)
+                command = config.drive(name, speed)
+                world.steppers[name].spin(command.velocity, command.acceleration)
         for (plant, at), value in zip(self._servos, values[2:-2], strict=True):
             plant.aim(at, value)
 

@@ -1,8 +1,8 @@
-"""All ports of one robot, served as one: a folder in which each board has its name.
+"""Serve all ports of one robot together: a folder with a port for each board, by its name.
 
-What waits on several ports is taken in one sweep. What was written to two boards within the sweep
-has no order on a real robot either; it is logged commands first, so that a command that was written
-before a stop to another board is not told as after it.
+All waiting bytes of all ports are read in one sweep. Frames to different boards within a sweep have no order,
+as on a real robot. Commands are logged before stops, so that a command from before a stop to another board does
+not appear to follow it.
 """
 
 from __future__ import annotations
@@ -40,13 +40,13 @@ ALERTS = {
     "cliff": State.CLIFF,
     "high-current": State.HIGH_CURRENT,
 }
-"""What may happen to the power board, with which it sets the runstop."""
+"""Alerts of the power board, which set the runstop."""
 FLEET_ID = "stretch-twin-0000"
 
 
 class StretchServer:
-    """``address``: the folder. It goes when the cables are pulled. Beside it, in ``fleet``, is the
-    robot's own YAML, for a client that reads it."""
+    """Serve the robot. ``address`` is the folder. It disappears when the cables are pulled. The folder
+    ``fleet`` beside it has the robot's own YAML, for a client that reads it."""
 
     def __init__(self, world: World, log: WireLog, folder: str | None = None) -> None:
         self._world = world
@@ -70,15 +70,15 @@ class StretchServer:
         return str(self._folder)
 
     def _write_fleet(self) -> None:
-        """YAML is written as JSON, which it contains."""
+        """Write the robot's YAML as JSON, which is valid YAML."""
         world = self._world
         fleet = self._root / "fleet" / FLEET_ID
         fleet.mkdir(parents=True, exist_ok=True)
         table = robot_of(world.config.robot)
         about = {"model_name": table.model_name, "tool": world.parameters.tool, "serial_no": FLEET_ID}
-        said = {**nominal_of(world.config.robot), "robot": {**about, "batch_name": "twin"}}
-        for name, words in zip(FILES, (said, self._devices()), strict=True):
-            (fleet / name).write_text(json.dumps(words, indent=1))
+        words = {**nominal_of(world.config.robot), "robot": {**about, "batch_name": "twin"}}
+        for name, content in zip(FILES, (words, self._devices()), strict=True):
+            (fleet / name).write_text(json.dumps(content, indent=1))
 
     def _devices(self) -> dict[str, Any]:
         def of(device: str) -> str:
@@ -102,7 +102,7 @@ class StretchServer:
             "head": {"usb_name": of(parameters.head.usb)},
         }
 
-    # -- what may happen to the robot
+    # -- faults
 
     def set_fault(self, text: str) -> None:
         self._world.set_fault(*parse_fault(text))
@@ -125,9 +125,12 @@ class StretchServer:
         self._frost.freeze(seconds)
 
     def order(self, words: Sequence[str]) -> bool:
-        """``runstop on|off``; ``low-battery on|off``, and ``tilted``, ``cliff``, ``high-current``;
-        ``homed JOINT on|off``; ``contact JOINT on|off``; ``unplug-board NAME`` and ``plug-board
-        NAME``, by the name of its device."""
+        """Carry out a control line.
+
+        ``runstop on|off``; ``low-battery on|off``, also ``tilted``, ``cliff``, ``high-current``; ``homed JOINT
+        on|off``; ``contact JOINT on|off``; ``unplug-board NAME`` and ``plug-board NAME``, with the name of the
+        device.
+        """
         match words:
             case ["runstop", "on" | "off" as how]:
                 self._world.pass_time()
@@ -164,8 +167,8 @@ class StretchServer:
             await trio.lowlevel.checkpoint()
 
     def _sweep(self) -> None:
-        """Take what waits on all ports; again until nothing does, so that whatever was written
-        before something that was taken is taken, too."""
+        """Read all ports until nothing waits. So each frame that was written before a frame of this sweep is in the
+        sweep, too."""
         t_ns = time.monotonic_ns()
         waiting: dict[str, deque[Heard]] = {name: deque() for name in self._lines}
         again = True
@@ -185,21 +188,21 @@ class StretchServer:
 
 
 def commands_first(waiting: Mapping[str, deque[Heard]]) -> Iterator[tuple[str, Heard]]:
-    """Return what was heard, each port's in its order; between ports what is no stop first."""
+    """Return the frames, those of each port in order. Between ports, stops come last."""
     while names := [name for name, heard in waiting.items() if heard]:
         name = next((each for each in names if waiting[each][0].kind != "safe"), names[0])
         yield name, waiting[name].popleft()
 
 
 class _Deaf:
-    """The sweep listens."""
+    """A receiver that ignores its bytes, since the sweep reads them."""
 
     def receive(self, data: bytes, bits_per_s: int | None) -> Iterator[Exchange]:
         return iter(())
 
 
 def ears_of(world: World) -> dict[str, tuple[Ear, bool]]:
-    """Return by name of the device who hears it, and whether its bytes take time: USB's do not."""
+    """Return the receiver of each device by name, and True if its bytes take time (those of USB do not)."""
     config, found = world.config, dict[str, tuple[Ear, bool]]()
     for name, motor in world.steppers.items():
         found[_device(config.usb(name))] = (StepperEar(world, motor), False)

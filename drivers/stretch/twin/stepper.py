@@ -1,4 +1,4 @@
-"""One stepper board of the twin: its firmware's modes, and the motor that follows."""
+"""Simulate one stepper board of the twin: its firmware's modes, and the motor that follows."""
 
 from __future__ import annotations
 
@@ -12,19 +12,18 @@ FIRMWARE = "Stepper.v0.7.2p5"
 VARIANT = "Stepper.3"
 
 BRAKE_RAD_S2 = 400.0
-"""What a motor slows down by when it is told to stop at once, and gains by without a profile
-[assumed]."""
+"""Deceleration of a motor that is stopped at once, and acceleration without a profile [assumed]."""
 ROLL_RAD_S2 = 30.0
-"""What a motor that is let go of slows down by [assumed]."""
+"""Deceleration of a free motor [assumed]."""
 CONTACT_S = 0.05
-"""So long a guarded motor pushes before its firmware calls it a contact."""
+"""How long a guarded motor pushes before its firmware reports a contact."""
 NEAR_RAD = 0.02
 MOVES_RAD_S = 0.05
 
 
 class StepperMotor:
-    """Positions in motor radians. ``watchdog_s``: so long it goes on with a velocity that nobody tells
-    it again, where its gains say so; then it falls into its safety mode."""
+    """The board and its motor, with positions in motor radians. With the watchdog in its gains, a velocity that
+    is not repeated for ``watchdog_s`` leads to the safety mode."""
 
     def __init__(self, name: str, number: int, gains: p.Gains, position: float, watchdog_s: float) -> None:
         self.name = name
@@ -34,13 +33,13 @@ class StepperMotor:
         self.watchdog_s = watchdog_s
         self.homed = True
         self.stuck = False
-        self.is_stopped = False  # by the runstop
-        self.wall: float | None = None  # something that it cannot get past
+        self.is_stopped = False  # True while the runstop is on
+        self.wall: float | None = None  # position of an obstacle
         self.power_cycle()
         self.homed = True
 
     def power_cycle(self) -> None:
-        """Forget everything but what is in flash; the motor is let go of."""
+        """Restart. Only the values in flash stay, and the motor is free."""
         self.gains = self.flash
         self.command = p.Command(p.Mode.SAFETY)
         self.waiting: p.Command | None = None
@@ -49,7 +48,7 @@ class StepperMotor:
         self.time_s = 0.0
         self.homed = False
         self.is_dirty = False
-        """Whether it was told to go somewhere since it was last told to stop."""
+        """True if it got a setpoint since the last stop."""
         self.hand = Hand.NONE
         self._goal = self.position
         self._told_s = 0.0
@@ -65,10 +64,10 @@ class StepperMotor:
     def mode(self) -> int:
         return p.Mode.SAFETY if self.is_stopped else self.command.mode
 
-    # -- what it is told
+    # -- commands
 
     def take(self, command: p.Command) -> None:
-        """Take a command: at once, or at the next pulse of the power board."""
+        """Take a command, at once or at the next pulse of the power board."""
         self.is_dirty = command.kind == "setpoint" and not self.is_stopped
         if self.has(p.Config.SYNC):
             self.waiting = command
@@ -82,7 +81,7 @@ class StepperMotor:
 
     def _begin(self, command: p.Command) -> None:
         if self.is_stopped:
-            return  # the runstop is on: nothing is taken
+            return  # With the runstop on, the board takes no command.
         self._told_s = self.time_s
         self._is_in_contact = False
         if command.mode == p.Mode.STEP_PROFILE:
@@ -106,8 +105,7 @@ class StepperMotor:
         self._fall_safe()
 
     def _fall_safe(self) -> None:
-        """Into the safety mode, which holds where the gains say so and else lets go, until the next
-        command."""
+        """Enter the safety mode until the next command. The gains decide whether it holds or frees the motor."""
         self.command = p.Command(p.Mode.SAFETY)
         self._goal = self.position
         self.hand = Hand.WIRE if self._safety_holds else Hand.NONE
@@ -132,7 +130,7 @@ class StepperMotor:
     def _safety_holds(self) -> bool:
         return self.has(p.Config.SAFETY_HOLD)
 
-    # -- the simulation's hand on it
+    # -- the simulation
 
     def aim(self, position: float, velocity: float, acceleration: float) -> None:
         self._goal = position
@@ -141,7 +139,7 @@ class StepperMotor:
 
     def spin(self, velocity: float, acceleration: float) -> None:
         self.command = p.Command(p.Mode.VELOCITY_PROFILE, 0.0, velocity, acceleration)
-        self._told_s = math.inf  # the firmware's watchdog is not asked
+        self._told_s = math.inf  # The firmware's watchdog does not apply.
         self.hand = Hand.SIM
 
     def let_go(self) -> None:
@@ -165,7 +163,7 @@ class StepperMotor:
         self._feel(step_s)
 
     def _feel(self, step_s: float) -> None:
-        """The wall; who pushes against it, and is guarded, falls into its safety mode until the next
+        """Stop at the obstacle. A guarded motor that pushes against it enters its safety mode until the next
         command."""
         if self.wall is None or self.position <= self.wall:
             self._pushed_s = 0.0
@@ -183,7 +181,7 @@ class StepperMotor:
         return runs and self.time_s - self._told_s > self.watchdog_s
 
     def _wanted(self) -> tuple[float, float]:
-        """Return the velocity that it is after, and the acceleration with which."""
+        """Return the velocity that the motor approaches, and the acceleration for that."""
         told = self.command
         match self.mode:
             case p.Mode.VELOCITY | p.Mode.VELOCITY_PROFILE:
@@ -191,7 +189,7 @@ class StepperMotor:
                 return told.velocity, told.acceleration or BRAKE_RAD_S2 if has_profile else BRAKE_RAD_S2
             case p.Mode.POSITION_PROFILE | p.Mode.STEP_PROFILE | p.Mode.POSITION:
                 gain = told.acceleration or BRAKE_RAD_S2
-                self._goal = self._within(self._goal)  # limits may have been narrowed since
+                self._goal = self._within(self._goal)  # The limits may have become narrower.
                 return self._towards(abs(told.velocity) or 25.0, gain), max(gain, BRAKE_RAD_S2)
             case p.Mode.HOLD:
                 return 0.0, BRAKE_RAD_S2
@@ -203,11 +201,11 @@ class StepperMotor:
         way = self._goal - self.position
         if abs(way) < 1e-4:
             return 0.0
-        # as fast as it can still stop there, and no further in one step of the twin
+        # The speed from which it can still stop at the goal, without passing it in one step of the twin.
         speed = min(fastest, math.sqrt(2 * slowing * abs(way)), abs(way) / 0.01)
         return math.copysign(speed, way)
 
-    # -- what it reports
+    # -- reports
 
     def status(self) -> p.StepperStatus:
         runs = self.mode in (p.Mode.POSITION, p.Mode.POSITION_PROFILE, p.Mode.STEP_PROFILE)

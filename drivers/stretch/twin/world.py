@@ -1,5 +1,4 @@
-"""The robot behind the twin's ports: four motors, the power board, two chains of servos, and a floor
-it drives on."""
+"""Simulate the robot behind the twin's ports: four motors, the power board, two chains of servos, and a floor."""
 
 from __future__ import annotations
 
@@ -30,15 +29,14 @@ from .stepper import StepperMotor
 
 STEP_S = 0.002
 LONGEST_S = 0.25
-"""Time that nobody looked at is passed when somebody does, up to this: a longer stall is
-dropped."""
+"""Longest time that is simulated at once after a pause. The rest of a longer pause is skipped."""
 
 GRIPPER = "stretch_gripper"
 PIMU_NUMBER = number_of(PIMU)
 WACC, WACC_NUMBER = "wacc", 6
 SERVO_V = 12.0
 SERVO_MODEL, BY_CURRENT_MODEL = 1060, 1020
-"""XL430-W250; XM430-W350 for a joint whose effort is limited by its current [assumed]."""
+"""XL430-W250; XM430-W350 for a joint with an effort limit by current [assumed]."""
 BY_CURRENT = ("wrist_pitch",)
 """``use_pos_current_ctrl`` of the vendor's parameters."""
 BATTERY_RAW = 655.0
@@ -47,8 +45,8 @@ CURRENT_RAW = 170.0
 
 
 class TurningServo(Servo):
-    """A servo that counts its turns. ``zero``: where it counts from once it is homed. Without power
-    it forgets its turns, and in RAM that it was homed."""
+    """A servo that counts its turns. ``zero`` is the origin of the count once it is homed. Without power it
+    loses its turns, and the note in RAM that it was homed."""
 
     def __init__(self, plant: Plant, at: int, servo_id: int, zero: float, scale: float) -> None:
         super().__init__(plant, at, servo_id, SERVO_MODEL, t.EXTENDED_POSITION_MODE, SERVO_V)
@@ -60,7 +58,7 @@ class TurningServo(Servo):
         super().power_cycle()
 
     def home(self) -> None:
-        """As the homing routine leaves it: with its turns, and a note that it has them."""
+        """Home the servo as the homing routine does: with its turns, and a note that it knows them."""
         self.zero_count = self._zero
         self.sense()
         self.put(t.GOAL_POSITION, self.get(t.POSITION))
@@ -73,7 +71,7 @@ def body_table() -> Mapping[str, Any]:
 
 
 class World:
-    """``home``: where lift, arm, wrist and head are at first."""
+    """The robot. At first lift, arm, wrist and head are in their home pose."""
 
     def __init__(self, robot: str, now_s: Callable[[], float] = time.monotonic) -> None:
         table, self.parameters = robot_of(robot), parameters_of(robot)
@@ -97,7 +95,7 @@ class World:
             _bus(self.parameters.head, self._home, "mast", "head_rows", 0, now_s),
         )
         self.dirty_servos: set[int] = set()
-        """Servos that were sent somewhere since they were last held."""
+        """Servos that got a goal since they were last held."""
         self.runstop = False
         self.alerts = p.State(0)
         self.stops_at_runstop = True
@@ -107,10 +105,10 @@ class World:
         self._pimu_began_s = 0.0
         self._seen_s = now_s()
 
-    # -- what may happen to it
+    # -- faults
 
     def set_runstop(self, on: bool) -> None:
-        """What the power board is alerted by sets it again as soon as it is released."""
+        """Set or release the runstop. An alert of the power board sets it again at once."""
         on = self.runstop = on or bool(self.alerts)
         for motor in self.steppers.values():
             motor.runstop(on and self.stops_at_runstop)
@@ -120,22 +118,21 @@ class World:
         self.set_runstop(self.runstop)
 
     def set_homed(self, joint: str, on: bool) -> None:
-        """Raise ``ValueError`` for a joint that needs no homing."""
+        """Set whether a joint is homed. Raise ``ValueError`` for a joint that needs no homing."""
         if joint in (LIFT, ARM):
             self.steppers[joint].homed = on
             return
         for chain, bus in zip(self.config.chains, self.chains, strict=True):
-            for at, found in enumerate(chain.joints):
+            for at, candidate in enumerate(chain.joints):
                 servo = bus.servos[at]
-                if found.key == joint and found.needs_homing and isinstance(servo, TurningServo):
+                if candidate.key == joint and candidate.needs_homing and isinstance(servo, TurningServo):
                     servo.home()
                     servo.write(HOMED.address, bytes((int(on),)))
                     return
         raise ValueError(f"{joint} needs no homing. lift, arm and wrist_yaw do")
 
     def set_contact(self, joint: str, on: bool) -> None:
-        """Put something right above the lift, or in front of the arm. Raise ``ValueError`` for
-        another joint."""
+        """Put an obstacle right above the lift, or in front of the arm. Raise ``ValueError`` for another joint."""
         if joint not in (LIFT, ARM):
             raise ValueError(f"{joint} meets nothing here. lift and arm do")
         self.pass_time()
@@ -147,7 +144,7 @@ class World:
             motor.sync()
 
     def reset_pimu(self) -> None:
-        """Its clock begins anew; in flash it has what it was configured to [assumed]."""
+        """Restart the power board. Its clock starts anew, and it keeps its configuration in flash [assumed]."""
         self._pimu_began_s = self.time_s
 
     def set_fault(self, fault: Fault, unit: int | None) -> None:
@@ -175,7 +172,7 @@ class World:
         self.dirty_servos.clear()
 
     def reset(self) -> None:
-        """Everything as at first, homed."""
+        """Put the robot in its first state, homed."""
         self.power_cycle()
         for name, motor in self.steppers.items():
             motor.position = self._home.get(name, 0.0) * self.config.motors[name].rad_per_m
@@ -189,7 +186,7 @@ class World:
 
     @property
     def safe_state(self) -> str:
-        """The safe state that the whole robot has been brought to; empty: none."""
+        """Return the present safe state of the whole robot; empty if it is in no safe state."""
         if self.dirty_servos or any(motor.is_dirty for motor in self.steppers.values()):
             return ""
         return "stop" if self.runstop else "hold"
@@ -197,7 +194,7 @@ class World:
     # -- time
 
     def pass_time(self) -> None:
-        """Until now."""
+        """Advance to the present time."""
         now_s = self.now_s()
         passed_s, self._seen_s = now_s - self._seen_s, now_s
         self.run(min(passed_s, LONGEST_S))
@@ -216,7 +213,7 @@ class World:
             )
             self.pose = moved(self.pose, left, right, self.parameters.separation_m)
 
-    # -- what its power board reports
+    # -- reports of the power board
 
     def pimu_status(self) -> p.PimuStatus:
         wheels = [self.metres_per_s(name) for name in (LEFT, RIGHT)]
@@ -251,7 +248,7 @@ class World:
 def _bus(
     chain: Chain, home: Mapping[str, float], root: str, rows: str, gripper: int, now_s: Callable[[], float]
 ) -> DynamixelBus:
-    """Return one chain with a body of its own, hung up where the rest of the robot would be."""
+    """Return one chain with its own body, mounted where the rest of the robot would be."""
     table = body_table()
     model = {**table, "model_rows": f"{root} base - - 0,0,1 0 - - - .1 - s.01\n{table[rows]}"}
     keys = [joint.key for joint in chain.joints]

@@ -1,5 +1,4 @@
-"""An M3 Pro as a twin: rosbridge with its topics, a base whose firmware zeroes it, and an arm
-that follows."""
+"""Run an M3 Pro as a twin: rosbridge with its topics, a base with a watchdog in its firmware, and an arm."""
 
 from __future__ import annotations
 
@@ -56,7 +55,7 @@ class M3ProTwin:
         self.body = M3ProBody(self.mechanism, robot)
 
     def set_fault(self, fault: Fault, unit: int | None = None) -> None:
-        """``unit``: of no meaning here, there is one speaker."""
+        """Set a fault. ``unit`` has no meaning here: the robot is the only sender."""
         self.mechanism.pass_time()
         self.graph.freeze_readings(fault is Fault.STUCK)
         self.mechanism.stuck = fault is Fault.STUCK
@@ -69,7 +68,7 @@ class M3ProTwin:
 
 
 class M3ProBody:
-    """The robot as a simulation: what the wire drives follows the wire."""
+    """The robot in a simulation. Parts that the wire drives follow the wire."""
 
     def __init__(self, mechanism: Mechanism, robot: str) -> None:
         table = table_of(robot)

@@ -1,5 +1,4 @@
-"""rosbridge as the twin serves it: one session for each client, and what it publishes to those
-who subscribed."""
+"""Serve rosbridge as the robot does: one session for each client, with the topics to which it subscribed."""
 
 from __future__ import annotations
 
@@ -22,10 +21,10 @@ from strands_actors.drivers.yahboom.robots import M3Pro, Servo
 from .mechanism import Mechanism
 
 WRONG_M_S = 0.5
-"""By so much a robot whose readings are wrong is quicker than it is."""
+"""Error of the reported speed of a robot with wrong readings."""
 
 SCAN_M = 2.0
-"""How far everything is from this robot."""
+"""Distance of all obstacles from this robot."""
 
 SCAN_HZ = 7.0
 
@@ -33,7 +32,7 @@ _json = msgspec.json.Encoder()
 
 
 class Graph:
-    """What every client sees: topics with their types, services, and the robot behind."""
+    """The part that all clients share: topics with their types, services, and the robot."""
 
     def __init__(
         self, table: M3Pro, mechanism: Mechanism, faults: Faults, servos: tuple[Servo, ...], *, joints: bool
@@ -51,29 +50,29 @@ class Graph:
         )
 
     def freeze_readings(self, on: bool) -> None:
-        """Report what is reported now, until told otherwise."""
+        """Repeat the present odometry in all reports, until it is switched off."""
         self._stuck = self.mechanism.odometry() if on else None
 
     def message(self, topic: str) -> dict[str, Any]:
-        """Return what is published on a topic now."""
+        """Return the present message of a topic."""
         self.mechanism.pass_time()
-        told = self._stuck or self.mechanism.odometry()
+        odometry = self._stuck or self.mechanism.odometry()
         if self.faults.of(None) is Fault.WRONG:
-            told = told._replace(speed=told.speed._replace(x=told.speed.x + WRONG_M_S))
-        sec, nanosec = divmod(told.stamp_ns, 10**9)
+            odometry = odometry._replace(speed=odometry.speed._replace(x=odometry.speed.x + WRONG_M_S))
+        sec, nanosec = divmod(odometry.stamp_ns, 10**9)
         head = {"stamp": {"sec": sec, "nanosec": nanosec}, "frame_id": "odom"}
         match topic:
             case m.ODOMETRY:
-                return _odometry(head, told)
+                return _odometry(head, odometry)
             case m.IMU:
                 return {
                     "header": head,
-                    "orientation": m.quaternion_of(told.yaw_rad),
-                    "angular_velocity": {"x": 0.0, "y": 0.0, "z": told.speed.yaw},
+                    "orientation": m.quaternion_of(odometry.yaw_rad),
+                    "angular_velocity": {"x": 0.0, "y": 0.0, "z": odometry.speed.yaw},
                     "linear_acceleration": {"x": 0.0, "y": 0.0, "z": 9.81},
                 }
             case m.JOINT_STATES:
-                # as a robot would: it counts with the servos' degrees, whatever joint_signs its driver has
+                # As on a robot, positions count with the servos' degrees, for any joint_signs of the driver.
                 degrees = zip(self._servos, self.mechanism.degrees, strict=True)
                 return {
                     "header": head,
@@ -89,14 +88,15 @@ class Graph:
             "angle_increment": math.pi / 18,
             "range_min": 0.1,
             "range_max": 12.0,
-            "ranges": [None, *[SCAN_M] * 35],  # null: infinite, which JSON cannot say
+            "ranges": [None, *[SCAN_M] * 35],  # null means infinite, which JSON cannot express
             "intensities": [],
         }
 
     def call(self, asked: p.CallService) -> str:
         """Return the answer to a call."""
         arguments = asked.args if isinstance(asked.args, dict) else {}
-        match "/" + asked.service.removeprefix("/"):  # npm's roslib leaves it out, and ROS resolves it
+        # npm's roslib omits the slash, and ROS resolves that.
+        match "/" + asked.service.removeprefix("/"):
             case p.TOPICS_SERVICE:
                 types = [kind.replace("/", "/msg/") for kind in self.types.values()]
                 return p.response(asked, {"topics": list(self.types), "types": types})
@@ -110,11 +110,14 @@ class Graph:
         return p.response(asked, f"Service {asked.service} does not exist", result=False)
 
 
-def _odometry(head: Mapping[str, Any], told: m.Odometry) -> dict[str, Any]:
-    pose = {"position": {"x": told.x_m, "y": told.y_m, "z": 0.0}, "orientation": m.quaternion_of(told.yaw_rad)}
+def _odometry(head: Mapping[str, Any], odometry: m.Odometry) -> dict[str, Any]:
+    pose = {
+        "position": {"x": odometry.x_m, "y": odometry.y_m, "z": 0.0},
+        "orientation": m.quaternion_of(odometry.yaw_rad),
+    }
     speeds = {
-        "linear": {"x": told.speed.x, "y": told.speed.y, "z": 0.0},
-        "angular": {"x": 0.0, "y": 0.0, "z": told.speed.yaw},
+        "linear": {"x": odometry.speed.x, "y": odometry.speed.y, "z": 0.0},
+        "angular": {"x": 0.0, "y": 0.0, "z": odometry.speed.yaw},
     }
     return {
         "header": head,
@@ -125,17 +128,17 @@ def _odometry(head: Mapping[str, Any], told: m.Odometry) -> dict[str, Any]:
 
 
 class BridgeSession:
-    """One client. Its operations are taken in their order."""
+    """The session of one client. Its operations are processed in order."""
 
     def __init__(self, graph: Graph, say: Callable[[str], None]) -> None:
-        """``say``: sends the client an operation."""
+        """Start a session. ``say`` sends an operation to the client."""
         self._graph = graph
         self._say = say
-        self._period_s: dict[str, float] = {}  # of what it has subscribed to
+        self._period_s: dict[str, float] = {}  # by subscribed topic
         self._due_s: dict[str, float] = {}
 
     def take(self, text: str | bytes) -> tuple[str, str | None]:
-        """Do what a client asks; return kind and safe state for the log of the wire."""
+        """Process an operation. Return its kind and safe state for the log of the wire."""
         try:
             return self._do(p.decode_asked(text))
         except MalformedFrame as malformed:
@@ -143,7 +146,7 @@ class BridgeSession:
             return "other", None
 
     def publish(self, now_s: float) -> None:
-        """Publish what is due."""
+        """Publish the topics that are due."""
         for topic, period_s in self._period_s.items():
             if now_s >= self._due_s[topic]:
                 self._due_s[topic] = max(self._due_s[topic] + period_s, now_s - period_s)
@@ -187,12 +190,12 @@ class BridgeSession:
         return "other", None
 
     def _agrees(self, topic: str, kind: str | None, number: str | None) -> bool:
-        """Whether a topic has this type, or none yet."""
+        """Return True if the topic has this type, or has no type yet."""
         known = self._graph.types.get(topic)
         if known is None or kind is None or m.plain_type(kind) == known:
             return True
-        told = f"Tried to register topic {topic} with type {kind} but it is already established with type {known}"
-        self._object(told, number)
+        text = f"Tried to register topic {topic} with type {kind} but it is already established with type {known}"
+        self._object(text, number)
         return False
 
     def _object(self, text: str, number: str | None) -> None:
@@ -203,7 +206,7 @@ _TICK_S = 0.005
 
 
 class _Outbox:
-    """What a client is told, with the robot's faults: late, damaged, or not at all."""
+    """The messages to a client, with the robot's faults: late, damaged, or lost."""
 
     def __init__(self, client: WebSocketClient, faults: Faults) -> None:
         self._client = client
@@ -222,19 +225,19 @@ class _Outbox:
             self._send(reply.data)
 
     def flush(self) -> None:
-        """Send what is due."""
+        """Send the late messages that are due."""
         while self._late and self._late[0][0] <= trio.current_time():
             self._send(self._late.pop(0)[1])
 
     def _send(self, data: bytes) -> None:
         try:
             self._client.send(data.decode())
-        except UnicodeDecodeError:  # damaged: no text any more
+        except UnicodeDecodeError:  # The fault has damaged the text.
             self._client.send(data)
 
 
 def serving(graph: Graph) -> Callable[[WebSocketClient], Any]:
-    """Return what serves one client."""
+    """Return a handler that serves one client."""
 
     async def serve(client: WebSocketClient) -> None:
         outbox = _Outbox(client, graph.faults)

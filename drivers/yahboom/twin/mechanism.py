@@ -1,5 +1,5 @@
-"""The robot behind its twin's rosbridge: a base in the plane, whose firmware zeroes it, and six
-servos that follow."""
+"""Simulate the robot behind its twin's rosbridge: a base in the plane with the firmware's watchdog, and six
+servos that follow their goals."""
 
 from __future__ import annotations
 
@@ -12,12 +12,11 @@ from strands_actors.drivers.yahboom.robots import M3Pro
 
 _STEP_S = 0.005
 _LONGEST_S = 0.25
-"""Time that nobody looked at is passed when somebody does, up to this: a longer stall is
-dropped."""
+"""Longest time that is simulated at once after a pause. The rest of a longer pause is skipped."""
 
 
 class Mechanism:
-    """``watchdog_s``: after so long without a command the base's firmware zeroes it; 0: never."""
+    """The robot. Its firmware zeroes the base after ``watchdog_s`` without a command; 0 for never."""
 
     def __init__(self, table: M3Pro, watchdog_s: float, now_s: Callable[[], float]) -> None:
         self._table = table
@@ -28,10 +27,10 @@ class Mechanism:
         self.reset()
 
     def reset(self) -> None:
-        """At rest where it began, the arm at home."""
+        """Put the robot where it began, at rest, with the arm in its home pose."""
         self.base_hand = self.arm_hand = Hand.NONE
         self.told = REST
-        self.runs = REST  # what it does
+        self.runs = REST  # present speed
         self.x_m = self.y_m = self.yaw_rad = 0.0
         self.degrees = [float(value) for value in self._table.home_deg]
         self._goal = list(self.degrees)
@@ -40,7 +39,7 @@ class Mechanism:
         self._told_s = self._now_s()
 
     def drive(self, twist: Twist, hand: Hand) -> None:
-        """Take a command of the base, by the wire or by the simulation."""
+        """Take a command of the base, from the wire or from the simulation."""
         self.pass_time()
         table = self._table
         fastest = (table.max_m_s, table.max_m_s, table.max_rad_s)
@@ -49,23 +48,23 @@ class Mechanism:
         self._told_s = self._now_s()
 
     def move_arm(self, goal: ArmGoal, hand: Hand) -> None:
-        """Take a goal of the arm; what is past a servo's range stays at its end."""
+        """Take a goal of the arm. A goal past a servo's range is limited to the range."""
         self.aim_arm(goal.degrees, goal.time_ms / 1e3, hand)
 
     def aim_arm(self, degrees: Sequence[float], within_s: float, hand: Hand) -> None:
         self.pass_time()
         self.arm_hand = hand
         fastest = self._table.servo_deg_s
-        for at, (servo, wanted) in enumerate(zip(self._table.servos, degrees, strict=True)):
-            self._goal[at] = min(max(wanted, servo.low_deg), servo.high_deg)
-            way = abs(self._goal[at] - self.degrees[at])
-            self._speed_deg_s[at] = min(fastest, way / within_s if within_s > 0 else fastest)
+        for index, (servo, goal) in enumerate(zip(self._table.servos, degrees, strict=True)):
+            self._goal[index] = min(max(goal, servo.low_deg), servo.high_deg)
+            way = abs(self._goal[index] - self.degrees[index])
+            self._speed_deg_s[index] = min(fastest, way / within_s if within_s > 0 else fastest)
 
     def hold_arm(self) -> None:
         self._goal = list(self.degrees)
 
     def pass_time(self) -> None:
-        """Until now."""
+        """Advance to the present time."""
         now_s = self._now_s()
         passed_s, self._seen_s = now_s - self._seen_s, now_s
         overdue = self._watchdog_s and now_s - self._told_s > self._watchdog_s
@@ -74,31 +73,31 @@ class Mechanism:
         self.run(min(passed_s, _LONGEST_S))
 
     def run(self, seconds: float) -> None:
-        """Let so much time pass."""
+        """Advance by so many seconds."""
         while seconds > 0:
             step_s = min(seconds, _STEP_S)
             seconds -= step_s
             self._step(step_s)
 
     def odometry(self) -> Odometry:
-        """Return what the wheels tell now."""
+        """Return the present odometry of the wheels."""
         return Odometry(round(self.time_s * 1e9), self.x_m, self.y_m, self.yaw_rad, self.runs)
 
     def _step(self, step_s: float) -> None:
         self.time_s += step_s
-        wanted = REST if self.stuck else self.told
+        goals = REST if self.stuck else self.told
         table = self._table
         ramps = (table.ramp_m_s2, table.ramp_m_s2, table.ramp_rad_s2)
-        changes = zip(self.runs, wanted, ramps, strict=True)
-        self.runs = Twist(*(_towards(run, want, ramp * step_s) for run, want, ramp in changes))
+        changes = zip(self.runs, goals, ramps, strict=True)
+        self.runs = Twist(*(_towards(run, goal, ramp * step_s) for run, goal, ramp in changes))
         ahead, across = math.cos(self.yaw_rad), math.sin(self.yaw_rad)
         self.x_m += (self.runs.x * ahead - self.runs.y * across) * step_s
         self.y_m += (self.runs.x * across + self.runs.y * ahead) * step_s
         self.yaw_rad += self.runs.yaw * step_s
         if not self.stuck:
-            for at, goal in enumerate(self._goal):
-                self.degrees[at] = _towards(self.degrees[at], goal, self._speed_deg_s[at] * step_s)
+            for index, goal in enumerate(self._goal):
+                self.degrees[index] = _towards(self.degrees[index], goal, self._speed_deg_s[index] * step_s)
 
 
-def _towards(now: float, wanted: float, most: float) -> float:
-    return now + max(-most, min(most, wanted - now))
+def _towards(now: float, goal: float, most: float) -> float:
+    return now + max(-most, min(most, goal - now))
