@@ -138,7 +138,8 @@ page.
   processor for more than {disturbed_ms:g} ms.
 * **pkill python** reaches only the script, because the processes of the tree have other names.
   `pkill -9 -f strands` reaches all at once and has no row: no process is left to write, and the
-  firmware decides (`firmware_watchdog` in the status of each robot, and [safety-faults.md](safety-faults.md#firmware)).
+  firmware decides (`firmware_watchdog` in the status of each robot, and
+  [safety-faults.md](safety-faults.md#firmware)).
 """
 
 
