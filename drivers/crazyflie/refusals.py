@@ -13,7 +13,7 @@ class CrazyflieCode(RefusalCode):
     TUMBLED = "tumbled", "the drone has tumbled", "put it on its feet"
     NOT_FLYING = "not_flying", "the drone stands on the floor", "takeoff()"
     HOVERING = "hovering", "the drone hovered for too long without a command", "take off again"
-    CANNOT_ARM = "cannot_arm", "the drone's supervisor lets nobody arm it", "look at the drone"
+    CANNOT_ARM = "cannot_arm", "the drone's supervisor does not allow arming", "check the drone"
     TILTED = "tilted", "the drone is tilted", "put it on a level floor"
     STOP = "stop", "the service is an order to stop", "stop()"
     TAKEOFF = "takeoff", "the drone is not at its height", "look at the drone"

@@ -12,5 +12,5 @@ class RBY1Code(RefusalCode):
     POWER = "power", "a supply or a servo is off", "resume()"
     NOT_ENABLED = "not_enabled", "the control manager is not enabled", "resume()"
     DROPPED = "dropped", "the robot has dropped our command", "resume()"
-    NO_LIMITS = "no_limits", "the robot has told no limits", "reconnect"
+    NO_LIMITS = "no_limits", "the robot has not reported its limits", "reconnect"
     NOT_RESET = "not_reset", "the fault could not be reset", "mend its cause, then try again"

@@ -15,7 +15,7 @@ class ReachyCode(RefusalCode):
     DAEMON = "daemon", "the daemon answers with an error", "look at its log"
     MOVE = "move", "a move did not come to its end", "look at the robot"
     NO_MOVE = "no_move", "there is no such move", "use one that is named"
-    NO_SOUND = "no_sound", "the daemon tells no direction of sound", "it needs microphones"
+    NO_SOUND = "no_sound", "the daemon reports no direction of sound", "it needs microphones"
     NO_CAMERA = "no_camera", "the daemon has no camera", "connect one"
     NO_SPEECH = "no_speech", "no speech could be made", "look at the server"
     NO_TTS = "no_tts", "there is nothing to make speech of a text", "give tts_url="

@@ -9,4 +9,4 @@ class SimCode(RefusalCode):
     """See ``docs/refusals.md``."""
 
     NOT_HELD = "not_held", "a joint is not held by the simulation", "resume()"
-    WIRE = "wire", "the simulation refuses it", "do what its text says"
+    WIRE = "wire", "the simulation refuses it", "follow the text"

@@ -8,7 +8,7 @@ from strands_actors.kernel.refusals import RefusalCode
 class SpotCode(RefusalCode):
     """See ``docs/refusals.md``."""
 
-    LEASE_LOST = "lease_lost", "the body's lease is somebody else's", "let its owner return it, then resume()"
+    LEASE_LOST = "lease_lost", "another client has the body's lease", "let its owner return it, then resume()"
     ESTOP_LOST = "estop_lost", "the e-stop is not ours any more", "resume(), which sets it up anew"
     ESTOPPED = "estopped", "the robot is E-stopped", "release it"
     NO_ARM = "no_arm", "the robot has no arm, or no claw", "move its base"

@@ -10,10 +10,10 @@ class UnitreeCode(RefusalCode):
 
     FSM = "fsm", "the robot's state machine takes no commands", "bring it to one that is named"
     FSM_UNKNOWN = "fsm_unknown", "the robot does not tell its state machine", "check the robot"
-    FSM_STALE = "fsm_stale", "the state machine was told too long ago", "check the network"
+    FSM_STALE = "fsm_stale", "the last report of the state machine is too old", "check the network"
     SPORT_MODE = "sport_mode", "the onboard mode is active", "release_sport_mode()"
     SPORT_MODE_UNKNOWN = "sport_mode_unknown", "the onboard mode is not known", "check the robot"
-    SPORT_MODE_STALE = "sport_mode_stale", "the onboard mode was told too long ago", "check the network"
+    SPORT_MODE_STALE = "sport_mode_stale", "the last report of the onboard mode is too old", "check the network"
     SPORT_MODE_RELEASED = "sport_mode_released", "the onboard mode was released", "select_sport_mode()"
     BATTERY_LOW = "battery_low", "the battery is under the floor", "charge it"
     BATTERY_UNKNOWN = "battery_unknown", "the battery's charge is not known", "check the robot"

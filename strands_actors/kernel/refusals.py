@@ -29,30 +29,34 @@ class Code(RefusalCode):
     # commands, and the right to give them
     NO_ANSWER = (
         "no_answer",
-        "nobody answered in time",
-        "try again; `strands-actors doctor` says whether the computer is busy",
+        "no answer came in time",
+        "try again; `strands-actors doctor` checks whether the computer is busy",
     )
     UNREACHABLE = (
         "unreachable",
-        "the process that would answer is not there, or does not answer",
+        "the answering process has ended or is silent",
         "resume() when the robot is back",
     )
-    NOT_CONNECTED = "not_connected", "there is no link to the robot", "connect_eagerly(), and mend what it names"
+    NOT_CONNECTED = (
+        "not_connected",
+        "there is no link to the robot",
+        "connect_eagerly(), and repair the cause that it names",
+    )
     NOT_ARMED = "not_armed", "the robot is not energised", "connect_eagerly() or resume()"
     ARMING = "arming", "the robot is being energised", "wait until it is armed"
     DISARMED = "disarmed", "the robot was stopped", "resume()"
-    FAULTED = "faulted", "the robot ended its motion by itself: it has a fault", "clear the fault, then resume()"
+    FAULTED = "faulted", "the robot ended its motion because of a fault", "clear the fault, then resume()"
     LOCKED_OUT = "locked_out", "the robot is e-stopped", "a person lifts the lockout by resume()"
-    HOLDING = "holding", "the robot holds, and who asks has not resumed it", "resume it first"
+    HOLDING = "holding", "the robot holds, and the sender has not resumed it", "resume it first"
     STOPPED = "stopped", "a stop came while it was under way", "ask again"
     ENDING = "ending", "the tree of the robot ends", "start it again"
-    BUSY = "busy", "the robot, or who would do it, is doing something else", "wait until that is over"
+    BUSY = "busy", "the robot, or the actor that would do it, is busy", "wait until it has finished"
     RUNNING = "running", "a task or rollout runs", "stop_task(), or wait"
     LIVE = "live", "the robot is being moved", "wait until that is over, or stop()"
-    NO_LEASE = "no_lease", "nobody holds the lease", "acquire it"
+    NO_LEASE = "no_lease", "there is no lease", "acquire it"
     LEASE = (
         "lease",
-        "somebody else holds the lease, or it has lapsed",
+        "another writer holds the lease, or it has lapsed",
         "wait until it is released, or stop the robot",
     )
     CHANNEL = "channel", "a process speaks for another one", "speak for yourself"
@@ -62,9 +66,9 @@ class Code(RefusalCode):
     CLOCK = "clock", "the sender has not read the robot's clock", "send sync first"
     LATCHED = "latched", "the robot takes no command without an end", "give it a lifetime"
     SUPERSEDED = "superseded", "a newer command took this one's place", "nothing: the newer one counts"
-    NOT_APPROVED = "not_approved", "nobody has approved it", "pass approve=, or allow it in the environment"
+    NOT_APPROVED = "not_approved", "there is no approval for it", "pass approve=, or allow it in the environment"
     NO_MOTION = "no_motion", "motion is not allowed to this tool", "allow it where the tool is made"
-    GUARD = "guard", "a guarded name guards nothing", "mend guarded="
+    GUARD = "guard", "a guarded name guards nothing", "correct guarded="
     NO_DRILL = "no_drill", "no stop drill was passed, or it is too old", "run `strands-actors drill`"
     NO_STANDBY = (
         "no_standby",
@@ -107,8 +111,8 @@ class Code(RefusalCode):
     )
     UNKNOWN_POSE = (
         "unknown_pose",
-        "where a joint is, is not known",
-        "send an action that says how the robot goes there",
+        "a joint's position is not known",
+        "send an action that names all joints",
     )
     NO_POSITIONS = (
         "no_positions",
@@ -122,17 +126,21 @@ class Code(RefusalCode):
     STALE = "stale", "a reading is too old", "check cable, power and network"
     UNKNOWN_SERVICE = "unknown_service", "the robot has no such service", "use one that is named"
     UNKNOWN_ARGUMENT = "unknown_argument", "a service has no such argument", "use one that is named"
-    BAD_ARGUMENT = "bad_argument", "an argument is not one that the service takes", "give what is named"
+    BAD_ARGUMENT = "bad_argument", "the service does not take this argument", "give one of the listed arguments"
     A_COMMAND = "a_command", "a service is a command", "send its arguments as an action"
     UNKNOWN_COMMAND = "unknown_command", "the robot has no such command", "use one that is named"
     UNKNOWN_VERB = "unknown_verb", "the tool has no such verb", "use one that is named"
     UNKNOWN_INPUT = "unknown_input", "a verb has no such input", "use one that is named"
-    BAD_INPUT = "bad_input", "an input is missing, twice there, or of another kind", "give what is named"
+    BAD_INPUT = (
+        "bad_input",
+        "an input is missing, given twice, or of the wrong type",
+        "give the inputs that the text lists",
+    )
     BAD_RATE = "bad_rate", "a rate of an axis is not from -1 to 1", "give one that is"
     OTHER_ROBOT = "other_robot", "the command is meant for another robot", "send it there"
     LEVEL = "level", "the robot is commanded at another level", "make the robot with the level that is named"
     NO_ROLLOUT = "no_rollout", "the robot runs no policy of this process", "send_action()"
-    NO_TASK = "no_task", "the robot runs no policy in a process of its own", "run_policy()"
+    NO_TASK = "no_task", "the robot cannot run a policy in a separate process", "run_policy()"
     NO_TELEOP = "no_teleop", "no teleoperation runs", "attach_teleop()"
     GRIPPER_DEADMAN = (
         "gripper_deadman",
@@ -149,21 +157,21 @@ class Code(RefusalCode):
         "bring it to the one that is named",
     )
     MODE = "mode", "the robot is in a mode in which it does not do this", "change its mode"
-    MODE_UNKNOWN = "mode_unknown", "the robot does not tell its mode", "check the robot"
-    MODE_STALE = "mode_stale", "the robot's mode was told too long ago", "check the robot and the network"
-    NO_STATE = "no_state", "the robot has told no state yet", "wait for the first, or check the network"
+    MODE_UNKNOWN = "mode_unknown", "the robot does not report its mode", "check the robot"
+    MODE_STALE = "mode_stale", "the last report of the robot's mode is too old", "check the robot and the network"
+    NO_STATE = "no_state", "no state of the robot has come yet", "wait for the first, or check the network"
     ROBOT = "robot", "the robot refuses it", "look at the robot"
     REFUSED_BY_ROBOT = "refused_by_robot", "the robot refuses it", "look at the robot, then try again"
     MOTORS_OFF = "motors_off", "the motors have no power", "energise them by the service that is named"
     BATTERY = "battery", "the battery is too low, or not heard of", "charge it"
 
     # between processes and hosts
-    MALFORMED = "malformed", "a message cannot be read", "send what is named"
+    MALFORMED = "malformed", "a message cannot be read", "send the fields that the text lists"
     MALFORMED_REPLY = "malformed_reply", "an answer cannot be read", "the two sides have different versions"
     OVERSIZED = "oversized", "a message is too large", "send less"
     WRONG_TYPE = "wrong_type", "an actor does not take such a message", "send one that it takes"
     MAILBOX_FULL = "mailbox_full", "an actor has too many messages waiting", "wait"
-    UNKNOWN_ADDRESS = "unknown_address", "nobody hosts this address", "the robot may have ended"
+    UNKNOWN_ADDRESS = "unknown_address", "no process has this address", "the robot may have ended"
     GONE = "gone", "an actor ended before it read the message", "the robot may have ended"
     CRASHED = "crashed", "an actor failed", "read the log"
     PUBLISH = "publish", "the gate did not answer a rollout", "the computer may be busy"
@@ -177,13 +185,13 @@ class Code(RefusalCode):
     FORMAT = "format", "a recorder has another format", "use the robot's version"
 
     # over the mesh
-    PUT = "put", "who puts a command is not known", "ask it as a zenoh query"
+    PUT = "put", "the sender of a published command is not known", "send it as a zenoh query"
     TARGET = "target", "the command is for another robot", "ask on that robot's key"
-    TOLD = "told", "a question was told, and nobody waits for the answer", "ask it"
-    DUPLICATE = "duplicate", "the command was done already", "give each command a turn_id of its own"
+    TOLD = "told", "a request was sent without waiting for its answer", "send it as a query"
+    DUPLICATE = "duplicate", "the command was already done", "give each command a new turn_id"
     RATE = "rate", "more commands come than are let through", "send fewer"
     UNKNOWN_ACTION = "unknown_action", "there is no such action", "send one that is named"
-    NOT_HERE = "not_here", "an action of strands-robots that is not here", "do what is named instead"
+    NOT_HERE = "not_here", "an action of strands-robots that does not exist here", "use the alternative in the text"
     ONE_ROBOT = "one_robot", "the command moves one robot, and was sent to several", "send it to one"
     NO_SIMULATION = "no_simulation", "the robot is no simulation", "start, set_joints and move drive a robot"
     TOO_LONG = "too_long", "the robot keeps no command for so long", "give a shorter duration, or run a policy"
@@ -204,6 +212,6 @@ class Code(RefusalCode):
     NO_DESCRIPTOR = "no_descriptor", "a port cannot be handed to another process", "raise the limit of open files"
     NO_STOP_CHANNEL = (
         "no_stop_channel",
-        "a process has no way to the hardware of its own",
-        "it is tried again by itself",
+        "a process has no stop channel to the hardware",
+        "wait: the process tries again",
     )

@@ -17,13 +17,12 @@ from .test_imports import MODULES, PACKAGE, ROOT
 PAGE = ROOT / "docs" / "refusals.md"
 HEAD = """# Refusals
 
-What a robot refuses, it refuses with a code: in an envelope under `refused`, on the mesh under
-`refused` of an error, in Python as `Refused.code`. Programs decide by the code. `reason` and
-`remedy` beside it are for people, and may change. `because` is the reason of the stop in which
-the robot is, as `Status` has it.
+A refusal has a code: in an envelope under `refused`, on the mesh under `refused` of an error, in
+Python as `Refused.code`. Programs decide by the code. `reason` and `remedy` are for people and may
+change. `because` is the reason for the robot's present stop, as in `Status`.
 
-This page is made of the catalogues (`kernel/refusals.py`, and `refusals.py` of a wire) by `python
--m tests.house.test_refusals`.
+This page is generated from the catalogues (`kernel/refusals.py`, and `refusals.py` of a wire) by
+`python -m tests.house.test_refusals`.
 """
 
 
