@@ -115,8 +115,8 @@ class Readings(ABC, Generic[PacketT]):
         """Return the positions, by id, of servos that have torque and cannot have moved far since.
 
         A servo that was asked before it had started towards its goal is on its way now. So is a servo that
-        has just begun to stand far from its goal, because it was reset and a repeated goal has energised it again. A
-        blocked servo stands for longer.
+        has just begun to stand far from its goal, because it was reset and a repeated goal has energised it
+        again. A blocked servo stands for longer.
 
         Args:
             since_ns: Leave out servos that were asked before.
