@@ -1,6 +1,6 @@
-"""What a ``port`` may look like: hosts, addresses, web addresses, device paths. Nothing is looked up.
+"""Check the syntax of ``port``: hosts, addresses, web addresses, device paths. Nothing is looked up.
 
-Each raises ``ValueError`` with what would be accepted.
+Each function that parses or checks raises ``ValueError`` with an accepted form.
 """
 
 from __future__ import annotations
@@ -15,8 +15,8 @@ _LONGEST_NAME = 253
 
 
 def is_host(text: str) -> bool:
-    """Return whether this may be the name or the address of a host. Only digits and dots: an IPv4
-    address."""
+    """Return True if a text may be the name or the address of a host. A text of digits and dots must be an
+    IPv4 address."""
     if ":" in text or re.fullmatch(r"[0-9.]+", text):
         return is_ip(text)
     labels = text.removesuffix(".").split(".")
@@ -24,7 +24,7 @@ def is_host(text: str) -> bool:
 
 
 def is_ip(text: str, version: int = 0) -> bool:
-    """Return whether this is an IP address, of version 4 or 6 where one is named."""
+    """Return True if a text is an IP address, of version 4 or 6 if one is given."""
     try:
         return ipaddress.ip_address(text).version == version or not version
     except ValueError:
@@ -32,7 +32,7 @@ def is_ip(text: str, version: int = 0) -> bool:
 
 
 def parse_address(text: str, default_port: int) -> tuple[str, int]:
-    """Return host and port of ``host``, ``host:port`` or ``[host]:port``."""
+    """Return the host and the port in ``host``, ``host:port`` or ``[host]:port``."""
     host, port = text, str(default_port)
     if text.startswith("["):
         host, closed, rest = text[1:].partition("]")
@@ -49,8 +49,13 @@ def is_port_number(text: str) -> bool:
 
 
 def parse_web_address(text: str, default_port: int, whose: str) -> tuple[str, int]:
-    """Return host and port of a service: an address, with ``http://`` before it or not. ``whose``: for
-    the refusal."""
+    """Return the host and the port of a service.
+
+    Args:
+        text: An address, with or without ``http://``.
+        default_port: The port if the text has no port.
+        whose: The name of the service for the message.
+    """
     scheme, found, rest = text.partition("://")
     if not found:
         scheme, rest = "http", text
@@ -64,15 +69,15 @@ def parse_web_address(text: str, default_port: int, whose: str) -> tuple[str, in
 
 
 def check_peer(text: str) -> None:
-    """Accept ``host`` or ``host:port`` of a DDS participant. Its messages come from an address, so a
-    name would match none."""
+    """Accept ``host`` or ``host:port`` of a DDS participant. The host must be an address, because messages
+    are matched with their sender's address."""
     host, found, port = text.partition(":")
     if not is_ip(host, 4) or (found and not is_port_number(port)):
         raise ValueError(f"port is {text!r}. Give the robot's IPv4 address: 192.0.2.10")
 
 
 def check_device(text: str) -> None:
-    """Accept the path of a serial device. One that is not there may be plugged in later."""
+    """Accept the path of a serial device. The device may be missing, since it can be plugged in later."""
     host, _, port = text.partition(":")
     if "://" in text or is_ip(text) or (is_host(host) and is_port_number(port)):
         raise ValueError(f"port is {text!r}, an address. Give the path of a serial device: /dev/ttyACM0")

@@ -1,6 +1,7 @@
-"""lerobot calibration files: one JSON per robot id, ``{motor: {id, drive_mode, homing_offset,
-range_min, range_max}}``, integers, in encoder counts. Read once, in the caller; what travels on is
-plain data.
+"""lerobot's calibration files: one JSON file per robot id, ``{motor: {id, drive_mode, homing_offset,
+range_min, range_max}}``. All values are integers, positions in encoder counts.
+
+The caller reads a file once. Other processes get plain data.
 """
 
 from __future__ import annotations
@@ -17,7 +18,7 @@ from strands_actors.contract.shown import shown
 
 
 class MotorCalibration(msgspec.Struct, frozen=True):
-    """One motor of the file. ``range_min`` and ``range_max``: its real travel."""
+    """One motor of the file. ``range_min`` and ``range_max`` bound its real travel."""
 
     id: int
     drive_mode: int
@@ -46,7 +47,7 @@ def _within(field: str, value: int, low: int, high: int) -> None:
 
 
 def folder(environ: Mapping[str, str] = os.environ) -> Path:
-    """Return where lerobot keeps its calibration files, by lerobot's own variables."""
+    """Return the folder of lerobot's calibration files, by lerobot's own environment variables."""
     if root := environ.get("HF_LEROBOT_CALIBRATION"):
         return Path(root).expanduser()
     if home := environ.get("HF_LEROBOT_HOME"):
@@ -57,12 +58,21 @@ def folder(environ: Mapping[str, str] = os.environ) -> Path:
 
 ROBOTS = "robots"
 LEADERS = "teleoperators"
-"""Folders of the files: lerobot's own words."""
+"""Folders of the files, as lerobot names them."""
 
 
 def find(robot_types: Iterable[str], robot_id: str, root: Path | None = None, kind: str = ROBOTS) -> Path | None:
-    """Return the file of robot ``robot_id`` under the first of ``robot_types`` that has one. Raise
-    ``ValueError`` for an id that names no file."""
+    """Return the file of a robot; None if there is no such file.
+
+    Args:
+        robot_types: lerobot's types. The first that has a file wins.
+        robot_id: The id of the robot.
+        root: The folder of all files. The default is ``folder()``.
+        kind: ``ROBOTS`` or ``LEADERS``.
+
+    Raises:
+        ValueError: The id cannot be the name of a file.
+    """
     base = folder() if root is None else root
     require_id(robot_id)
     for robot_type in robot_types:
@@ -73,7 +83,7 @@ def find(robot_types: Iterable[str], robot_id: str, root: Path | None = None, ki
 
 
 def require_id(robot_id: str) -> None:
-    """Raise ``ValueError`` unless an id can be the name of a file in its folder, and of none elsewhere."""
+    """Raise ``ValueError`` unless the id can be the name of a file in its folder, and of no file elsewhere."""
     if not 0 < len(robot_id) <= LONGEST_ID or not robot_id.isprintable() or set(robot_id) & set("/\\"):
         raise ValueError(
             f"id is {shown(robot_id)}, and a calibration's file is called so: give 1 to {LONGEST_ID} characters "
@@ -82,13 +92,17 @@ def require_id(robot_id: str) -> None:
 
 
 def ids(robot_types: Iterable[str], root: Path | None = None, kind: str = ROBOTS) -> list[str]:
-    """Return the ids of which there are files."""
+    """Return the ids that have a file, sorted."""
     base = folder() if root is None else root
     return sorted({path.stem for robot_type in robot_types for path in (base / kind / robot_type).glob("*.json")})
 
 
 def load(path: Path, motors: Mapping[str, int], max_offset: int) -> dict[str, MotorCalibration]:
-    """Read a file and ``check`` it. Raise ``ValueError``."""
+    """Read a file and ``check`` its content.
+
+    Raises:
+        ValueError: The file cannot be read, or its content is wrong.
+    """
     try:
         content = json.loads(_text_of(path))
     except (OSError, ValueError, RecursionError) as error:
@@ -97,8 +111,11 @@ def load(path: Path, motors: Mapping[str, int], max_offset: int) -> dict[str, Mo
 
 
 def prepare(path: Path) -> None:
-    """Make the folder of a file, and write into it, before work is done that ``save`` would lose. Raise
-    ``OSError``."""
+    """Make the folder of a file and write into it once, before work is done that ``save`` would lose.
+
+    Raises:
+        OSError: The file could not be saved.
+    """
     path.parent.mkdir(parents=True, exist_ok=True)
     trial = _beside(path)
     trial.write_bytes(b"")
@@ -110,7 +127,11 @@ def _beside(path: Path) -> Path:
 
 
 def save(path: Path, motors: Mapping[str, MotorCalibration]) -> None:
-    """Write a file as lerobot does, whole or not at all. Raise ``OSError``."""
+    """Write a file in lerobot's format, whole or not at all.
+
+    Raises:
+        OSError: The file could not be written. An old file is unchanged.
+    """
     path.parent.mkdir(parents=True, exist_ok=True)
     new = _beside(path)
     content = {key: {field: getattr(motor, field) for field in FIELDS} for key, motor in motors.items()}
@@ -122,7 +143,12 @@ def save(path: Path, motors: Mapping[str, MotorCalibration]) -> None:
 
 
 def _text_of(path: Path) -> str:
-    """Raise ``OSError``, ``ValueError``. Nothing is read that has no end, or waits for a writer."""
+    """Return the text of a regular file of at most ``MAX_BYTES``. A device or a pipe might have no end, or
+    wait for a writer.
+
+    Raises:
+        OSError, ValueError: It cannot be read.
+    """
     if not path.is_file():
         raise ValueError("it is no file" if path.exists() else "there is none")
     with path.open("rb") as file:
@@ -133,9 +159,17 @@ def _text_of(path: Path) -> str:
 
 
 def check(content: Any, motors: Mapping[str, int], max_offset: int, source: str) -> dict[str, MotorCalibration]:
-    """Check the content of a file, or a dict given instead of one. ``motors``: the names and ids it
-    must have; ``max_offset``: what the servo's homing offset register can hold. Raise
-    ``ValueError``."""
+    """Check the content of a file, or a dict that was given instead of a file.
+
+    Args:
+        content: The decoded content.
+        motors: The names and ids that it must have.
+        max_offset: The largest value that the servo's homing offset register can hold.
+        source: Its name for messages.
+
+    Raises:
+        ValueError: The content is wrong. The text says where.
+    """
     expected = ", ".join(motors)
     if not isinstance(content, Mapping):
         raise ValueError(f"calibration {source}: must be an object with one entry per motor: {expected}")
@@ -167,8 +201,8 @@ def _motor(entry: Any, where: str) -> MotorCalibration:
     for field in FIELDS:
         value = entry.get(field)
         if type(value) is not int:
-            said = repr(value) if field in entry else "missing"
-            raise ValueError(f"{where}: {field} is {said}, must be an integer")
+            shown_value = repr(value) if field in entry else "missing"
+            raise ValueError(f"{where}: {field} is {shown_value}, must be an integer")
     if unknown := [str(field) for field in entry if field not in FIELDS]:
         raise ValueError(f"{where}: unknown field {', '.join(unknown)}. It must have exactly {', '.join(FIELDS)}")
     try:

@@ -1,5 +1,5 @@
-"""An arm behind its controller as a simulation: targets come through the simulation control as long
-as nothing on the wire moves it."""
+"""An arm and its controller as a simulation. The simulation control may move the arm while nothing on
+the wire does."""
 
 from __future__ import annotations
 
@@ -14,26 +14,29 @@ from .simulation_control.protocol import TIMESTEP_S
 
 
 class ControlledBody(JointedBody, ABC):
-    """The controller keeps its arm energised, or its brakes hold it, whoever moves it: nothing here
-    makes it limp."""
+    """An arm that never goes limp: its controller keeps it energised, or its brakes hold it.
+
+    A subclass says whether the wire or the simulation moves the arm, and passes on the targets of the
+    simulation.
+    """
 
     @property
     @abstractmethod
     def driven(self) -> bool:
-        """Return whether the wire moves the arm."""
+        """True if the wire moves the arm."""
 
     @property
     @abstractmethod
     def led(self) -> bool:
-        """Return whether the simulation moves it while the wire does not."""
+        """True if the simulation moves the arm while the wire does not."""
 
     @abstractmethod
     def lead(self, on: bool) -> None:
-        """Give the arm to the simulation, or take it away. It stays where it is."""
+        """Give the arm to the simulation, or take it back. The arm keeps its position."""
 
     @abstractmethod
     def aim_controller(self, values: Sequence[float]) -> None:
-        """Tell the controller where to move the arm, radians in axis order."""
+        """Send the controller a target in radians, in axis order."""
 
     @property
     def hand(self) -> Hand:
@@ -55,7 +58,7 @@ class ControlledBody(JointedBody, ABC):
 
 
 class LedController(Protocol):
-    """A twin's controller that has ticks of its own and can be led by the simulation."""
+    """A twin's controller that has its own ticks and that the simulation can lead."""
 
     plant: Plant
 
@@ -69,11 +72,16 @@ class LedController(Protocol):
 
 
 class LedBody(ControlledBody):
-    """While nobody has the robot on the wire, the simulation may move it."""
+    """An arm that the simulation may move while no client moves it on the wire."""
 
     def __init__(self, controller: LedController, is_driven: Callable[[], bool]) -> None:
-        """``is_driven``: whether the wire moves the arm."""
-        super().__init__(controller.plant, lambda: None)  # the controller's own ticks
+        """Wrap a controller.
+
+        Args:
+            controller: The twin's controller. It passes time by its own ticks.
+            is_driven: Return True if the wire moves the arm.
+        """
+        super().__init__(controller.plant, lambda: None)
         self._controller = controller
         self._is_driven = is_driven
 

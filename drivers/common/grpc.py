@@ -1,10 +1,10 @@
-"""A gRPC client for a wire process or a stop channel: h2 over ``tcp_port``, a deadline on every
-wait.
+"""A gRPC client for a wire process or a stop channel: h2 over ``tcp_port``, with a deadline on every wait.
 
-One object is one connection. A message leaves at once or raises: nothing waits to be sent, and
-nothing is sent again on a later connection. Check a permit directly before ``Call.send``: there is
-no wait in it. A call whose answer was not waited for is not withdrawn, so that a stop still stands
-when a peer that was frozen goes on; ``Call.cancel`` withdraws one.
+One object is one connection. A message leaves at once or raises. No message waits to be sent, or is sent
+again on a later connection. Check a permit immediately before ``Call.send``, which does not wait.
+
+A call is not withdrawn if its answer is not awaited. So a stop still counts when a frozen peer continues.
+``Call.cancel`` withdraws a call.
 """
 
 from __future__ import annotations
@@ -23,11 +23,11 @@ from .receive_budget import ReceiveBudget
 from .tcp_port import ByteStream, open_tcp
 
 KEPT = 256
-"""Messages of one call that nobody has taken; the oldest make room."""
+"""Most messages of one call that wait to be taken. A new message replaces the oldest."""
 
 FRAMES = 64
-"""HTTP/2 frames that are taken in before others get their turn: 3 ms at most. A robot that pushes a
-hundred states a second sends a few in each turn."""
+"""HTTP/2 frames that are read before other tasks run: 3 ms at most. A robot that sends a hundred states a
+second sends a few in each turn."""
 
 
 class Stream(ByteStream, Protocol):
@@ -39,7 +39,11 @@ OpenStream = Callable[[str, int], Awaitable[Stream]]
 
 
 class CallFailed(WireDown):
-    """The peer answers, and does not do it."""
+    """The peer has answered with an error.
+
+    Attributes:
+        status: The status of the call.
+    """
 
     def __init__(self, text: str, status: Status) -> None:
         super().__init__(text)
@@ -47,7 +51,13 @@ class CallFailed(WireDown):
 
 
 class Call:
-    """One call. ``messages``: what was heard and not taken yet, newest last."""
+    """One call.
+
+    Attributes:
+        messages: Received messages that were not taken yet, newest last.
+        status: The final status; None while the call is open.
+        text: The peer's text about the status.
+    """
 
     def __init__(self, connection: Connection, path: str, stream: int) -> None:
         self._connection = connection
@@ -55,7 +65,7 @@ class Call:
         self.stream = stream
         self.messages: deque[bytes] = deque(maxlen=KEPT)
         self.status: Status | None = None
-        """How it ended; None: it has not."""
+        """The final status; None while the call is open."""
         self.text = ""
 
     @property
@@ -63,16 +73,23 @@ class Call:
         return self.path.rpartition("/")[2]
 
     def send(self, message: bytes, last: bool = False) -> None:
-        """Send a message now. Raise ``WireDown``, and close the connection, when it does not leave
-        whole."""
+        """Send a message now.
+
+        Args:
+            message: The encoded message.
+            last: True ends our side of the call.
+
+        Raises:
+            WireDown: It did not leave whole. The connection is closed.
+        """
         self._connection.send(self, message, last)
 
     def cancel(self) -> None:
-        """Withdraw it. Raise ``WireDown``. Harmless when it is over."""
+        """Withdraw the call. Does nothing after its end. Raises ``WireDown``."""
         self._connection.cancel(self)
 
     def failure(self) -> CallFailed:
-        """Return why it ended, as an error."""
+        """Return the final status as an error."""
         status = self.status if self.status is not None else Status.UNKNOWN
         return CallFailed(f"{self.name}: {status.name}{f' ({self.text})' if self.text else ''}", status)
 
@@ -81,7 +98,7 @@ class Connection:
     """An open connection. Several tasks may wait on it at once."""
 
     def __init__(self, name: str, stream: Stream, end: ClientEnd) -> None:
-        """Made by ``open_grpc``."""
+        """Wrap a stream. ``open_grpc`` calls this."""
         self.name = name
         self._stream = stream
         self._end = end
@@ -89,14 +106,14 @@ class Connection:
         self._calls: dict[int, Call] = {}
         self._news = trio.Event()
         self._reader: trio.CancelScope | None = None
-        self._why = ""  # it is closed
+        self._why = ""  # why it is closed
 
     @property
     def is_open(self) -> bool:
         return not self._why
 
     def call(self, path: str) -> Call:
-        """Begin a call; its first bytes leave now. Raise ``WireDown``."""
+        """Begin a call. Its first bytes leave now. Raises ``WireDown``."""
         self._check()
         try:
             call = Call(self, path, self._end.call(path))
@@ -107,15 +124,18 @@ class Connection:
         return call
 
     def ask(self, path: str, message: bytes) -> Call:
-        """Send a question now, and return the call on which its answer comes. Raise
-        ``WireDown``."""
+        """Send a request now and return its call, for ``answer``. Raises ``WireDown``."""
         call = self.call(path)
         call.send(message, last=True)
         return call
 
     async def answer(self, call: Call, within_s: float) -> bytes | None:
-        """Return the answer to ``ask``; None: not yet. Raise ``CallFailed`` when there is none,
-        ``WireDown`` when the connection is gone."""
+        """Return the answer to ``ask``; None if it did not come in time.
+
+        Raises:
+            CallFailed: The peer has answered with an error.
+            WireDown: The connection is gone.
+        """
         await self.until(lambda: bool(call.messages) or call.status is not None, within_s)
         if call.messages:
             return call.messages.popleft()
@@ -124,8 +144,12 @@ class Connection:
         return None
 
     async def unary(self, path: str, message: bytes, within_s: float) -> bytes:
-        """Ask and wait. Raise ``WireDown`` when no answer comes in time, too: then the question is
-        withdrawn. Raise ``CallFailed``."""
+        """Send a request and return its answer. If it does not come in time, the request is withdrawn.
+
+        Raises:
+            CallFailed: The peer has answered with an error.
+            WireDown: The connection is gone, or there is no answer in time.
+        """
         call = self.ask(path, message)
         answered = False
         try:
@@ -139,8 +163,11 @@ class Connection:
         raise WireDown(f"{self.name}: {call.name}: no answer within {within_s * 1e3:.0f} ms. Check the robot")
 
     async def until(self, ready: Callable[[], bool], within_s: float) -> bool:
-        """Take in what comes until ``ready()``; return whether it was in time. Raise ``WireDown``
-        when the connection is gone."""
+        """Receive until ``ready()`` is true. Return whether it was in time.
+
+        Raises:
+            WireDown: The connection is gone.
+        """
         with trio.move_on_after(within_s):
             while not ready():
                 self._check()
@@ -150,12 +177,11 @@ class Connection:
                 elif self._reader is None:
                     self._take(await self._read())
                 else:
-                    await self._news.wait()  # whoever reads takes in everybody's
+                    await self._news.wait()  # The task that reads takes in the data of all tasks.
         return ready()
 
     def take_waiting(self) -> None:
-        """Take in what has arrived, as much as one turn may take. Never waits. Raise
-        ``WireDown``."""
+        """Receive waiting data, as much as one turn may take. Never waits. Raises ``WireDown``."""
         self._check()
         left = FRAMES
         while left > 0:
@@ -163,7 +189,7 @@ class Connection:
             if data is None:
                 self._budget.caught_up()
                 return
-            left -= max(1, self._take(data, left))  # a read without the head of a frame counts, too
+            left -= max(1, self._take(data, left))  # A read that begins no frame counts as one.
         try:
             self._budget.fell_behind()
         except WireDown:
@@ -187,11 +213,11 @@ class Connection:
             self._flush()
 
     def close(self) -> None:
-        """Throw the connection away with what has not arrived yet. Harmless when called again."""
+        """Reset the connection. Data that has not arrived is thrown away. Another call does nothing."""
         self._gone("closed by us")
 
     def close_in_order(self) -> None:
-        """As ``close``, but what was sent still arrives: for a stop."""
+        """As ``close``, but sent data still arrives. Meant for a stop."""
         if not self._why:
             self._stream.close_in_order()
         self._gone("closed by us")
@@ -199,13 +225,13 @@ class Connection:
     async def _read(self) -> bytes:
         data = b""
         try:
-            with trio.CancelScope() as self._reader:  # cancelled by ``close``: nothing else ends the wait
+            with trio.CancelScope() as self._reader:  # ``close`` cancels it; nothing else ends the wait.
                 data = await self._stream.read()
         except WireDown as down:
             raise self._gone(str(down)) from None
         finally:
             self._reader = None
-            self._wake()  # whoever waits for us reads on
+            self._wake()  # A task that waits for this one reads on.
         self._check()
         return data
 
@@ -218,7 +244,7 @@ class Connection:
             raise self._gone(str(down)) from None
 
     def _take(self, data: bytes, frames: int = FRAMES) -> int:
-        """Take in at most so many frames of what came, and return how many these were."""
+        """Take in at most so many frames of the received data. Return their number."""
         try:
             events, begun = self._end.feed_some(data, frames)
         except MalformedFrame as malformed:
@@ -235,7 +261,7 @@ class Connection:
                     left = why
         if left:
             raise self._gone(left)
-        self._flush()  # what HTTP/2 answers by itself
+        self._flush()  # answers that HTTP/2 itself requires
         self._wake()
         return begun
 
@@ -274,9 +300,20 @@ async def open_grpc(
     max_message: int = MAX_MESSAGE,
     open_stream: OpenStream = open_tcp,
 ) -> Connection:
-    """Connect, and hear the peer's settings, within ``within_s``. Without ``settle`` nothing is
-    heard first: for a stop, which is also for a peer that cannot be understood. Raise
-    ``WireDown``."""
+    """Connect and read the peer's settings.
+
+    Args:
+        host: Name or address of the peer.
+        port: Its port.
+        within_s: Time for everything.
+        settle: False waits for no settings. Use it for a stop, which also has to reach a peer that sends
+            unreadable data.
+        max_message: Most bytes of one message.
+        open_stream: Makes the connection. The default is plain TCP.
+
+    Raises:
+        WireDown: It failed, or took longer.
+    """
     name = f"[{host}]:{port}" if ":" in host else f"{host}:{port}"
     connection: Connection | None = None
     opened = False

@@ -1,6 +1,6 @@
-"""gRPC over HTTP/2, both ends. Pure: bytes in, events and bytes out; no socket, no clock.
+"""gRPC over HTTP/2, for both ends. Pure: bytes in, events and bytes out; no socket, no clock.
 
-HTTP/2 is h2's. gRPC adds five bytes before each message, and a status in the trailers. Source:
+h2 does the HTTP/2. gRPC adds five bytes before each message, and a status in the trailers. Source:
 "gRPC over HTTP2" of the gRPC documentation. Messages are never compressed.
 """
 
@@ -22,25 +22,25 @@ import h2.settings
 from .malformed import MalformedFrame
 
 MAX_MESSAGE = 1 << 20
-"""Bytes of one message. A longer one ends the connection."""
+"""Most bytes of one message. A longer one ends the connection."""
 
 WINDOW = 1 << 20
-"""How many bytes the peer may send on a stream, and on the connection, before they are read."""
+"""Bytes that the peer may send on a stream, and on the connection, before they are read."""
 
 _PREFIX = 5
 _FRAME_HEAD = 9
 _MAX_FRAME = 16_384
-"""What an end that says nothing else takes."""
+"""Longest frame that an end accepts by default."""
 _PREFACE = 24
-"""Bytes of a client before its first frame."""
+"""Bytes that a client sends before its first frame."""
 _SERVER_BACKLOG = 1 << 20
-"""A client that reads so slowly that more than this waits for it loses the connection."""
+"""Most bytes that wait for a client. A client that reads more slowly loses the connection."""
 
 Header = tuple[str, str]
 
 
 class Status(enum.IntEnum):
-    """How a call ended."""
+    """The result of a call."""
 
     OK = 0
     CANCELLED = 1
@@ -62,27 +62,27 @@ class Status(enum.IntEnum):
 
 
 class Called(NamedTuple):
-    """A client began a call."""
+    """A client has begun a call."""
 
     stream: int
     path: str
 
 
 class Heard(NamedTuple):
-    """One message of a call."""
+    """One message of a call has arrived."""
 
     stream: int
     message: bytes
 
 
 class HalfClosed(NamedTuple):
-    """The client sends nothing more on this call."""
+    """The client has sent its last message on this call."""
 
     stream: int
 
 
 class Ended(NamedTuple):
-    """The call is over: by the server, or given up by either end."""
+    """The call is over. The server has ended it, or one end has given it up."""
 
     stream: int
     status: Status
@@ -99,14 +99,14 @@ Event = Called | Heard | HalfClosed | Ended | Left
 
 
 class MessageDecoder:
-    """The data of one stream, in any pieces, to messages."""
+    """Find messages in the data of one stream, which comes in any pieces."""
 
     def __init__(self, max_message: int = MAX_MESSAGE) -> None:
         self._max = max_message
-        self._pending = bytearray()  # its beginning is removed, and its end extended, without a copy
+        self._pending = bytearray()  # removes from the front and appends without a copy
 
     def feed(self, data: bytes) -> Iterator[bytes]:
-        """Yield each whole message. Raise ``MalformedFrame``."""
+        """Yield each complete message. Raise ``MalformedFrame`` for one that is too long or compressed."""
         self._pending += data
         while len(self._pending) >= _PREFIX:
             size = int.from_bytes(self._pending[1:_PREFIX], "big")
@@ -122,23 +122,31 @@ class MessageDecoder:
 
 
 def framed(message: bytes) -> bytes:
-    """Return a message with its five bytes before it."""
+    """Return a message with gRPC's five bytes before it."""
     return b"\0" + len(message).to_bytes(4, "big") + message
 
 
 class _FrameSizes:
-    """Look at the size of each HTTP/2 frame as it begins: h2 would wait for the end of one that is
-    far too long. And count them: h2 needs up to 0.05 ms for a frame without content, and a read
-    may hold hundreds."""
+    """Check the size of each HTTP/2 frame at its beginning, and count the frames.
+
+    h2 itself would wait for the end of a frame that is far too long. It needs up to 0.05 ms for a frame
+    without content, and one read may hold hundreds.
+    """
 
     def __init__(self, skip: int) -> None:
-        """``skip``: bytes before the first frame."""
+        """Start before ``skip`` bytes that are no frame."""
         self._skip = skip
         self._head = b""
 
     def feed(self, data: bytes, frames: int) -> tuple[int, int]:
-        """Return how many bytes of ``data`` end at most so many frames, and how many frames these
-        are. Raise ``MalformedFrame``."""
+        """Measure the beginning of ``data`` that ends within at most ``frames`` frames.
+
+        Returns:
+            Its length in bytes, and the number of frames that begin in it.
+
+        Raises:
+            MalformedFrame: A frame is too long.
+        """
         at = begun = 0
         while at < len(data):
             if not self._skip and not self._head and begun == frames:
@@ -159,7 +167,7 @@ class _FrameSizes:
 
 
 class _End:
-    """What client and server have in common."""
+    """The common part of client and server."""
 
     def __init__(self, client: bool, max_message: int) -> None:
         config = h2.config.H2Configuration(client_side=client, header_encoding="utf-8")
@@ -180,24 +188,27 @@ class _End:
         self._http.initiate_connection()
         self._http.increment_flow_control_window(WINDOW - 65_535)
         self.settled = False
-        """Whether the peer has said its settings: it speaks HTTP/2."""
+        """True once the peer has sent its settings, which shows that it speaks HTTP/2."""
 
     @property
     def has_unread(self) -> bool:
-        """Return whether ``feed`` has kept bytes for the next call."""
+        """True if ``feed`` has kept bytes for the next call."""
         return bool(self._unread)
 
     def feed(self, data: bytes) -> list[Event]:
-        """Return what the bytes say. Raise ``MalformedFrame``: then nothing on this connection can
-        be understood any more."""
+        """Return the events in the received bytes.
+
+        Raises:
+            MalformedFrame: Nothing later on this connection can be decoded.
+        """
         events, _ = self.feed_some(data, sys.maxsize)
         return events
 
     def feed_some(self, data: bytes, frames: int) -> tuple[list[Event], int]:
-        """As ``feed``, but for at most so many frames. What is left stays for the next call.
+        """As ``feed``, but for at most so many frames. The rest is kept for the next call.
 
         Returns:
-            The events, and how many frames were begun.
+            The events, and the number of frames that were begun.
         """
         unread = self._unread + data
         size, begun = self._sizes.feed(unread, frames)
@@ -210,11 +221,11 @@ class _End:
             raise MalformedFrame(f"HTTP/2: {type(error).__name__}") from None
 
     def outgoing(self) -> bytes:
-        """Return the bytes that are to be sent now."""
+        """Return the bytes to send now."""
         return self._http.data_to_send()
 
     def reset(self, stream: int) -> None:
-        """Give up a call. Harmless for one that is over."""
+        """Give up a call. Does nothing if it is over."""
         self._forget(stream)
         try:
             self._http.reset_stream(stream, h2.errors.ErrorCodes.CANCEL)
@@ -253,7 +264,18 @@ class ClientEnd(_End):
         self._scheme = scheme
 
     def call(self, path: str, metadata: Sequence[Header] = ()) -> int:
-        """Begin a call; return its stream. Raise ``MalformedFrame`` when the peer takes no more."""
+        """Begin a call.
+
+        Args:
+            path: ``/package.Service/Method``.
+            metadata: More header fields.
+
+        Returns:
+            Its stream.
+
+        Raises:
+            MalformedFrame: The peer accepts no more calls.
+        """
         headers = [
             (":method", "POST"),
             (":scheme", self._scheme),
@@ -273,8 +295,16 @@ class ClientEnd(_End):
         return stream
 
     def send(self, stream: int, message: bytes, last: bool = False) -> None:
-        """Send a message whole. Raise ``MalformedFrame`` when the peer has no room for it: it does
-        not read."""
+        """Send one complete message.
+
+        Args:
+            stream: The stream of the call.
+            message: The encoded message.
+            last: True ends our side of the call.
+
+        Raises:
+            MalformedFrame: The peer's window has no room for it, because the peer does not read.
+        """
         data = framed(message)
         try:
             room = self._http.local_flow_control_window(stream)
@@ -287,11 +317,11 @@ class ClientEnd(_End):
     def _told(self, event: h2.events.Event) -> Iterator[Event]:
         match event:
             case h2.events.ResponseReceived(stream_id=stream, headers=headers, stream_ended=ended):
-                told = _pairs(headers)
-                if told.get(":status") != "200":
-                    yield from self._over(stream, Status.UNAVAILABLE, f"HTTP status {told.get(':status')}")
+                fields = _pairs(headers)
+                if fields.get(":status") != "200":
+                    yield from self._over(stream, Status.UNAVAILABLE, f"HTTP status {fields.get(':status')}")
                 elif ended is not None:
-                    yield from self._trailed(stream, told)
+                    yield from self._trailed(stream, fields)
             case h2.events.TrailersReceived(stream_id=stream, headers=headers):
                 yield from self._trailed(stream, _pairs(headers))
             case h2.events.StreamEnded(stream_id=stream):
@@ -299,11 +329,11 @@ class ClientEnd(_End):
             case _:
                 yield from super()._told(event)
 
-    def _trailed(self, stream: int, told: dict[str, str]) -> Iterator[Event]:
-        number = told.get("grpc-status", "")
+    def _trailed(self, stream: int, fields: dict[str, str]) -> Iterator[Event]:
+        number = fields.get("grpc-status", "")
         known = number.isdecimal() and int(number) in tuple(Status)
         status = Status(int(number)) if known else Status.UNKNOWN
-        yield from self._over(stream, status, unquote(told.get("grpc-message", "")))
+        yield from self._over(stream, status, unquote(fields.get("grpc-message", "")))
 
     def _over(self, stream: int, status: Status, text: str) -> Iterator[Event]:
         if self._forget(stream):
@@ -311,7 +341,7 @@ class ClientEnd(_End):
 
 
 class ServerEnd(_End):
-    """The server's end of one connection. What a client's window has no room for waits here."""
+    """The server's end of one connection. Data waits here while the client's window has no room."""
 
     def __init__(self, max_message: int = MAX_MESSAGE) -> None:
         super().__init__(False, max_message)
@@ -320,12 +350,15 @@ class ServerEnd(_End):
         self._trailers: dict[int, list[Header]] = {}
 
     def has_room(self, stream: int) -> bool:
-        """Return whether nothing waits on this stream, and it is open."""
+        """Return True if the stream is open and no data waits on it."""
         return stream in self._decoders and not self._waiting.get(stream)
 
     def send(self, stream: int, message: bytes) -> None:
-        """Answer with one message. Harmless when the call is over. Raise ``MalformedFrame`` when
-        too much waits already."""
+        """Answer with one message. Does nothing if the call is over.
+
+        Raises:
+            MalformedFrame: Too much data waits already.
+        """
         if stream not in self._decoders:
             return
         self._answer(stream)
@@ -336,12 +369,12 @@ class ServerEnd(_End):
         self._flush(stream)
 
     def end(self, stream: int, status: Status = Status.OK, text: str = "") -> None:
-        """End a call, behind what still waits on it. Harmless when it is over."""
+        """End a call, after the data that waits on it. Does nothing if it is over."""
         if stream not in self._decoders:
             return
         self._answer(stream)
-        said = [("grpc-message", quote(text))] if text else []
-        self._trailers[stream] = [("grpc-status", str(int(status))), *said]
+        details = [("grpc-message", quote(text))] if text else []
+        self._trailers[stream] = [("grpc-status", str(int(status))), *details]
         self._flush(stream)
 
     def reset(self, stream: int) -> None:
@@ -393,7 +426,7 @@ class ServerEnd(_End):
 
 
 def _pairs(headers: object) -> dict[str, str]:
-    """Return header fields by name; of several the last."""
+    """Return header fields by name. The last of several with one name wins."""
     assert isinstance(headers, list)
     return {_text(name): _text(value) for name, value in headers}
 

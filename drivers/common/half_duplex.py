@@ -1,9 +1,9 @@
-"""Master of a half-duplex servo bus: one question at a time, and what to do when an answer is late.
+"""The master of a half-duplex servo bus: one request at a time, and a rule for late replies.
 
-These buses have no sequence number: a late reply looks like the answer to the next question of the
-same id and length. So after any missing reply the bus is *quiet* for 0.1 s: no question is asked
-and all that arrives is thrown away. Measured with one reply in ten 60 ms late: without the quiet
-time 7 to 10 of 60 late replies were taken for the next answer, with it none.
+These buses have no sequence numbers. A late reply looks like the reply to the next request of the same
+id and length. So after any missing reply the bus is *quiet* for 0.1 s: the master sends no request and
+drops everything that arrives. Measured with one reply in ten 60 ms late: without the quiet time 7 to 10
+of 60 late replies were taken for the next reply; with it not a single one.
 """
 
 from __future__ import annotations
@@ -19,22 +19,22 @@ from .serial_port import BytePort
 
 QUIET_S = 0.1
 MARGIN_S = 0.025
-"""Allowance for return delay, adapter (an FTDI chip's own timer alone is 16 ms from the factory)
-and operating system, on top of the time the bytes take. A stop may have to wait for one answer:
+"""Time added to the time of the bytes on the line: return delay, adapter (the timer of an FTDI chip alone
+is set to 16 ms in the factory) and operating system. A stop may have to wait for one reply, so this is
 half its bound."""
 
 BACKOFF_S = (0.25, 0.5, 1.0, 2.0)
-"""Wait before a silent motor is asked again. A vain question costs the margin and the quiet time,
-0.13 s: at the shortest wait the others keep more than half their rate."""
+"""Wait before a silent motor is asked again. A request in vain costs the margin and the quiet time, 0.13 s.
+At the shortest wait the other motors keep more than half their rate."""
 
 MISSES_TOLERATED = 1
 
 BUSY_S = 0.01
-"""When this host looks so much later than it wanted to whether an answer has come, it is the host
-that is late, and the answer may have been thrown away by the system meanwhile [assumed]."""
+"""If this host looks for a reply so much later than planned, the host is late and not the robot. The
+system may have dropped the reply meanwhile [assumed]."""
 
 LISTEN_MAX_S = 1.0
-"""End of ``listen`` on a line that never falls silent."""
+"""Longest time of ``listen`` on a line that never falls silent."""
 
 
 class Packet(Protocol):
@@ -44,7 +44,7 @@ class Packet(Protocol):
     def params(self) -> bytes: ...
     @property
     def failure(self) -> str:
-        """Return why the motor did not do what it was asked, by its own word; empty when it did."""
+        """Why the motor did not do what was requested, from its reply; empty if it did."""
         ...
 
 
@@ -58,12 +58,21 @@ class Decoder(Protocol[PacketT_co]):
 
 
 class Quiet(Exception):
-    """The bus is in its quiet time: ask later, or use what is known."""
+    """The bus is in its quiet time. Ask later, or use the last known value."""
 
 
 class HalfDuplexBus(Generic[PacketT]):
-    """``overhead`` is the number of bytes of a reply that has no params (Feetech 6, Dynamixel 2.0:
-    11)."""
+    """The master of one bus.
+
+    Args:
+        port: The port.
+        decoder: Finds packets in the received bytes.
+        clock: The clock of the process.
+        baud: Bits per second.
+        overhead: Bytes of a reply without params (Feetech 6, Dynamixel 2.0: 11).
+        margin_s: Time for a reply beyond that of its bytes.
+        quiet_s: Quiet time after a missing reply.
+    """
 
     def __init__(
         self,
@@ -84,22 +93,20 @@ class HalfDuplexBus(Generic[PacketT]):
         self._margin_s = margin_s
         self._quiet_ns = round(quiet_s * NS)
         self._quiet_until_ns = 0
-        self._pending: dict[int, int] = {}  # who may still answer a question that was given up
+        self._pending: dict[int, int] = {}  # replies that may still come to a request that was given up
         self._pending_end_s = 0.0
         self.stray_bytes = 0
-        """Bytes heard during the last question that belong to no expected reply."""
+        """Bytes received during the last request that belong to no expected reply."""
         self.refusals: dict[int, str] = {}
-        """Motors that answered the last question with an error, and which: such a reply is
-        dropped."""
+        """The error of each motor that answered the last request with one. Such a reply is dropped."""
         self.sent_ns = 0
-        """When the last frame left."""
+        """When the last frame was sent."""
         self.sent = 0
-        """Frames that the port has taken."""
+        """Number of frames that the port has taken."""
         self.late_s = 0.0
-        """How much later than it wanted this host gave up the last question. 0: it was answered in
-        time."""
+        """How much later than planned this host gave up the last request. 0 if it was answered in time."""
         self.delay_s = 0.0
-        """How much longer than the bytes need on the line the last question took."""
+        """How much longer the last request took than its bytes need on the line."""
 
     @property
     def quiet(self) -> bool:
@@ -107,17 +114,16 @@ class HalfDuplexBus(Generic[PacketT]):
 
     @property
     def starved(self) -> bool:
-        """Return whether this host, not the robot, may be why the last question was not
-        answered."""
+        """True if this host, not the robot, may be the reason that the last request was not answered."""
         return self.late_s > BUSY_S
 
     def send(self, frame: bytes) -> None:
-        """A frame that nobody answers. Goes out at once, in the quiet time too."""
+        """Send a frame that no motor answers. It leaves at once, in the quiet time too."""
         self._write(frame)
 
     def send_owed(self, frame: bytes, expected: Mapping[int, int]) -> None:
-        """As ``send``, for a frame that is answered: who asks next hears the answers out, and has the
-        refusals among them in ``refusals`` until then."""
+        """As ``send``, for a frame that is answered. The next request waits for these replies first. Until
+        then ``refusals`` has the errors among them."""
         self._write(frame)
         answer_bytes = sum(expected.values()) + len(expected) * self._overhead
         line_s = (len(frame) + answer_bytes) * self._byte_s
@@ -136,11 +142,16 @@ class HalfDuplexBus(Generic[PacketT]):
         *,
         wait: bool = False,
     ) -> dict[int, PacketT]:
-        """Ask, and return the replies by id; those that did not come, or were errors, are missing
-        from it.
+        """Send a request and return the replies by id. Missing replies and errors are left out.
 
-        ``expected``: id -> number of params of its reply; anything else that arrives is stray.
-        In the quiet time raise ``Quiet``, or sit it out when ``wait`` is true.
+        Args:
+            request: The frame.
+            expected: Number of params in the reply of each id. Everything else that arrives is stray.
+            timeout_s: Time for all replies. The default is the time on the line plus the margin.
+            wait: In the quiet time wait, instead of raising ``Quiet``.
+
+        Raises:
+            Quiet: The bus is in its quiet time.
         """
         await self._begin(wait)
         reply_bytes = sum(expected.values()) + len(expected) * self._overhead
@@ -173,20 +184,19 @@ class HalfDuplexBus(Generic[PacketT]):
                     take(await self.port.read())
             if window.cancelled_caught:
                 self.late_s = trio.current_time() - window.deadline
-                take(self.port.take())  # what came in time, and was not looked at in time
+                take(self.port.take())  # Bytes that came in time, but were not read in time.
             self.delay_s = trio.current_time() - began_s - line_s
             if len(replies) + len(refusals) < len(expected):
                 self._quiet_until_ns = self.clock.now_ns() + self._quiet_ns
             self._pending = {}
         finally:
-            # a caller that was cancelled leaves its answers on the bus: who asks next hears them
-            # out
+            # A cancelled caller leaves its replies on the bus. The next request waits for them first.
             self._pending = {i: size for i, size in self._pending.items() if i not in replies and i not in refusals}
         return replies
 
     async def hear_out(self) -> None:
-        """Throw away the answers to a question that was given up; it too has its time, and its
-        quiet time. What is sent then collides with none."""
+        """Drop the replies to a request that was given up, until its timeout. If one is missing, a quiet
+        time follows. The next frame then collides with no reply."""
         pending = self._pending
         if not pending:
             return
@@ -203,8 +213,13 @@ class HalfDuplexBus(Generic[PacketT]):
         self._pending = {}
 
     async def listen(self, request: bytes, first_s: float, silence_s: float) -> list[PacketT]:
-        """Ask, and return whatever whoever answers, until nothing was heard for ``silence_s``
-        (for ``first_s`` at the start)."""
+        """Send a request and return every packet that arrives, of any motor.
+
+        Args:
+            request: The frame.
+            first_s: Longest wait for the first byte.
+            silence_s: End after so much silence.
+        """
         await self._begin(wait=True)
         packets: list[PacketT] = []
         self.stray_bytes = 0
@@ -237,9 +252,11 @@ class HalfDuplexBus(Generic[PacketT]):
 
 
 class Health:
-    """Which motors to ask. A motor that missed twice in a row is left out, then asked again after a
-    wait that doubles, so that one dead servo does not slow the others; it is back as soon as it
-    answers."""
+    """Choose the motors to ask.
+
+    A motor that missed twice in a row is left out, and asked again after a wait that doubles, so that
+    one dead servo does not slow the others. It is back as soon as it answers.
+    """
 
     def __init__(self, ids: Sequence[int]) -> None:
         self._ids = tuple(ids)
@@ -247,9 +264,8 @@ class Health:
         self._due_ns = dict.fromkeys(self._ids, 0)
 
     def to_ask(self, now_ns: int) -> tuple[int, ...]:
-        """Return the healthy ones, then at most one suspect whose wait is over: last, where its
-        silence cannot hold up the replies of others. When nobody is healthy there is nobody to hold
-        up: everybody."""
+        """Return the healthy motors, then at most one mute motor with its wait over. It comes last,
+        where its silence cannot delay the replies of others. If no motor is healthy, return all."""
         mute = self.mute()
         healthy = tuple(i for i in self._ids if i not in mute)
         if not healthy:
@@ -270,9 +286,9 @@ class Health:
                 self._due_ns[motor] = now_ns + round(wait_s * NS)
 
     def mute(self) -> tuple[int, ...]:
-        """Motors that did not answer twice in a row."""
+        """Return the motors that missed twice in a row."""
         return tuple(i for i in self._ids if self._misses[i] > MISSES_TOLERATED)
 
     def silent(self) -> tuple[int, ...]:
-        """Motors that did not answer when last asked."""
+        """Return the motors that missed the last request."""
         return tuple(i for i in self._ids if self._misses[i])

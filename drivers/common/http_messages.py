@@ -1,9 +1,8 @@
-"""HTTP/1.1 messages as bytes, for robots behind a service, over h11: both ends. Pure.
+"""HTTP/1.1 messages as bytes, for robots behind a service, for both ends. Pure, over h11.
 
-Everything is bounded: the head of a message, its body, the number of its chunks, and how much of
-what was received one turn takes in. A client refuses what it has not asked for: an answer to no
-request, a compressed body, a redirect. An end that was fed malformed bytes understands nothing that
-follows.
+Everything is bounded: the head of a message, its body, the number of its chunks, and how much received
+data one turn takes in. A client refuses anything that it has not requested: an answer without a request,
+a compressed body, a redirect. After malformed bytes an end decodes nothing more.
 """
 
 from __future__ import annotations
@@ -17,15 +16,15 @@ import h11
 from .malformed import MalformedFrame
 
 MAX_HEAD = 65_536
-"""Bytes of a head, or of the head of one chunk."""
+"""Most bytes of a head, or of the head of one chunk."""
 MAX_BODY = 1 << 20
-"""Bytes. A client that expects more, as a picture in base64, says so."""
+"""Most bytes of a body. A client that expects more, such as a picture in base64, sets its own limit."""
 MAX_CHUNKS = 2048
-"""Chunks of one body."""
+"""Most chunks of one body."""
 MAX_INTERIM = 4
-"""Answers such as 100 Continue before the answer itself."""
+"""Most interim answers, such as 100 Continue, before the answer itself."""
 EVENTS = 64
-"""Parts of messages that one turn takes in. h11 needs some 0.02 ms for each."""
+"""Most parts of messages that one turn takes in. h11 needs some 0.02 ms for each."""
 
 _BODILESS = (204, 304)
 
@@ -33,7 +32,7 @@ REASONS = {200: "OK", 400: "Bad Request", 404: "Not Found", 405: "Method Not All
 
 
 class Request(NamedTuple):
-    """A request as it was received. ``raw``: its bytes on the wire."""
+    """A received request. ``raw`` has its bytes on the wire."""
 
     method: str
     target: str
@@ -43,7 +42,7 @@ class Request(NamedTuple):
 
 
 class Response(NamedTuple):
-    """A response as it was received."""
+    """A received response."""
 
     status: int
     headers: Mapping[str, str]  # names in lower case
@@ -51,7 +50,7 @@ class Response(NamedTuple):
 
 
 def encode_response(status: int, body: bytes, kind: str = "application/json") -> bytes:
-    """Return a response that keeps its connection."""
+    """Return a response that keeps its connection open. ``kind`` is its content type."""
     reason = REASONS.get(status, "Unknown")
     head = f"HTTP/1.1 {status} {reason}\r\nContent-Type: {kind}\r\nContent-Length: {len(body)}\r\n\r\n"
     return head.encode("ascii") + body
@@ -73,14 +72,14 @@ class _Incoming:
         self._http.receive_data(data)
 
     def advance(self, parts: int) -> tuple[bool, bool, int]:
-        """Take in at most ``parts`` parts of what was received.
+        """Take in at most ``parts`` parts of the received data.
 
         Returns:
-            Whether the message is whole, whether it needs more bytes, and how many parts are left
-            for this turn.
+            True if the message is complete; True if it needs more bytes; the number of parts that are
+            left for this turn.
 
         Raises:
-            MalformedFrame: It is no HTTP, or exceeds a bound.
+            MalformedFrame: It is no HTTP, or it exceeds a bound.
         """
         while parts > 0:
             parts -= 1
@@ -90,7 +89,7 @@ class _Incoming:
                 raise MalformedFrame(f"HTTP: {error}") from None
             match event:
                 case h11.NEED_DATA:
-                    # Chunks have heads of their own, which are in no other bound.
+                    # Chunks have heads, which no other bound covers.
                     if self._size > MAX_HEAD + 2 * self._max_body:
                         raise MalformedFrame(f"HTTP: a message of more than {MAX_HEAD + 2 * self._max_body} bytes")
                     return False, True, parts
@@ -114,7 +113,7 @@ class _Incoming:
 
     @property
     def rest(self) -> bytes:
-        """Return what was received behind it."""
+        """The bytes that were received after the message."""
         return bytes(self._http.trailing_data[0])
 
     def _begin(self, event: h11.Request | h11.Response) -> None:
@@ -130,7 +129,7 @@ class _Incoming:
             self._check_response(event)
 
     def _check_response(self, response: h11.Response) -> None:
-        """Raise ``MalformedFrame`` for what was not asked for."""
+        """Raise ``MalformedFrame`` for a response that was not requested."""
         encoding = self.headers.get("content-encoding", "identity")
         if encoding.lower() != "identity":
             raise MalformedFrame(f"HTTP: the answer is compressed ({encoding[:40]}), which was not asked for")
@@ -151,29 +150,33 @@ class _Incoming:
 
 
 class ClientEnd:
-    """The end that asks. Requests may be made before the answers to those before have come."""
+    """The client's end. It may send a request before earlier ones are answered."""
 
     def __init__(self, host: str, max_body: int = MAX_BODY) -> None:
         """Make the end of one connection.
 
         Args:
-            host: With its port, for the ``Host`` header.
-            max_body: Bytes of an answer's body.
+            host: Value of the ``Host`` header, with the port.
+            max_body: Most bytes of a response's body.
         """
         self._host = host
         self._max_body = max_body
         self._answers: deque[_Incoming] = deque()
         self._unread = b""
-        self._has_parts = False  # the first answer holds parts that the last turn did not take in
+        self._has_parts = False  # the first answer has parts that the last turn did not take in
         self._failure = ""
 
     @property
     def has_unread(self) -> bool:
-        """Return whether ``feed`` has left something for the next turn."""
+        """True if ``feed`` has left data for the next turn."""
         return self._has_parts or bool(self._unread)
 
     def request(self, method: str, target: str, body: bytes = b"", kind: str = "application/json") -> bytes:
-        """Return a request that keeps its connection. Raise ``ValueError`` for what is no target."""
+        """Return a request that keeps its connection open.
+
+        Raises:
+            ValueError: The method or the target is not valid.
+        """
         http = h11.Connection(h11.CLIENT, max_incomplete_event_size=MAX_HEAD)
         headers = [("Host", self._host), ("Accept", "*/*"), ("Accept-Encoding", "identity")]
         if method != "GET":
@@ -188,13 +191,13 @@ class ClientEnd:
         return (head or b"") + body
 
     def feed(self, data: bytes) -> list[Response]:
-        """Take in ``data``, as much as one turn may take; while ``has_unread``, feed nothing.
+        """Take in ``data``, as much as one turn may take. While ``has_unread``, feed empty bytes.
 
         Returns:
-            The responses that are whole now, in the order of the requests.
+            The complete responses, in the order of the requests.
 
         Raises:
-            MalformedFrame: What follows on this connection is not understood.
+            MalformedFrame: Nothing later on this connection can be decoded.
         """
         if self._failure:
             raise MalformedFrame(f"bytes after the end ({self._failure})")
@@ -224,15 +227,18 @@ class ClientEnd:
 
 
 class ServerEnd:
-    """The end that is asked."""
+    """The server's end."""
 
     def __init__(self, max_body: int = MAX_BODY) -> None:
         self._max_body = max_body
         self._begin()
 
     def feed(self, data: bytes) -> Iterator[Request]:
-        """Yield each request as soon as it is whole. Raise ``MalformedFrame``: nothing after it is
-        understood."""
+        """Yield each request as soon as it is complete.
+
+        Raises:
+            MalformedFrame: Nothing later on this connection can be decoded.
+        """
         while data:
             self._raw += data
             self._request.receive(data)

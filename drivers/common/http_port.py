@@ -1,11 +1,12 @@
-"""One kept connection to a service: HTTP/1.1 by h11 over ``tcp_port``, a deadline on every wait.
+"""One persistent connection to a service: HTTP/1.1 by h11 over ``tcp_port``, with a deadline on every
+wait.
 
-A request is handed to the system in ``send``, at once or never: nothing waits to be sent, and
-nothing is sent again, redirected, or asked of a proxy. Responses come in the order of the requests.
-A request that may move a robot takes a permit, which is checked directly before it leaves, whole.
+``send`` hands a request to the system at once, or fails. No request waits to be sent, is sent again,
+follows a redirect, or goes through a proxy. Responses come in the order of the requests. A request that
+may move a robot takes a permit, which is checked immediately before the whole request leaves.
 
-When what comes is no HTTP, nothing more is read. The connection is kept for one purpose, which needs
-no answer: ``send_stop``.
+If the received data is no HTTP, nothing more is read. The connection is kept for ``send_stop`` only,
+which needs no answer.
 """
 
 from __future__ import annotations
@@ -24,63 +25,81 @@ from .tcp_port import OrderlyStream, open_tcp
 OpenStream = Callable[[str, int], Awaitable[OrderlyStream]]
 
 REOPEN_S = 0.2
-"""Pause before a connection that the service has closed is made anew."""
+"""Pause before a connection that the service has closed is made again."""
 
 IDLE_S = 2.0
-"""A connection that was not used for so long takes no command: services close such ones (uvicorn and
-hypercorn after 5 s), and what is sent just then is never answered."""
+"""A connection that was idle for so long takes no command. Services close idle connections (uvicorn and
+hypercorn after 5 s), and a request that is sent at that moment is never answered."""
 
 KEPT = 8
-"""Responses that nobody has asked for yet."""
+"""Number of unclaimed responses that are kept."""
 
 JSON = "application/json"
 
 
 class HttpPort:
-    """``serve`` keeps a connection open, where the next request has to leave without a wait."""
+    """A connection to one service. ``serve`` keeps it open for wires on which the next request must leave
+    without a wait."""
 
     def __init__(
         self, host: str, port: int, open_stream: OpenStream = open_tcp, *, max_body: int = MAX_BODY
     ) -> None:
-        """Make a port that is not connected yet. ``max_body``: bytes of one answer."""
+        """Make a port that is not connected yet.
+
+        Args:
+            host: Name or address of the service.
+            port: Its port.
+            open_stream: Makes the connection. The default is plain TCP.
+            max_body: Most bytes of one response.
+        """
         self._where = host, port
         self.name = f"[{host}]:{port}" if ":" in host else f"{host}:{port}"
         self._open_stream = open_stream
         self._max_body = max_body
         self._stream = SharedStream(self._forget)
-        self._used_s = 0.0  # when it was last opened, sent to or heard
+        self._used_s = 0.0  # when it was last opened, or used to send or receive
         self._forget()
 
     @property
     def is_open(self) -> bool:
-        """Return whether a request can be sent that is answered."""
+        """True if a request can be sent and its response read."""
         return self._stream.connection is not None
 
     @property
     def waits(self) -> bool:
-        """Return whether a request has not been answered."""
+        """True if a request is unanswered."""
         return self._sent != self._heard
 
     async def open(self) -> None:
-        """Connect anew. One that is not understood is kept until then. Raise ``WireDown``."""
+        """Connect again. A connection with unreadable data is kept until the new one is open.
+
+        Raises:
+            WireDown: It cannot connect.
+        """
         if self.is_open:
             self.close()
         stream = await self._open_stream(*self._where)
-        if self.is_open:  # another task was quicker, and may have sent on it
+        if self.is_open:  # Another task was quicker, and may have sent on its connection.
             stream.close()
             return
         self._stream.replace(stream)
         self._used_s = trio.current_time()
 
     async def ready(self) -> None:
-        """Connect anew unless there is a connection that was used lately, or has not answered yet.
-        Raise ``WireDown``."""
+        """Connect again, unless a connection was used lately or has an unanswered request.
+
+        Raises:
+            WireDown: It cannot connect.
+        """
         if not self.is_open or (not self.waits and trio.current_time() - self._used_s > IDLE_S):
             await self.open()
 
     async def serve(self, task_status: trio.TaskStatus[None] = trio.TASK_STATUS_IGNORED) -> None:
-        """Keep a connection open until cancelled. ``started`` with the first; raise ``WireDown``
-        without one."""
+        """Keep a connection open until cancelled. ``started()`` is called when the first is open.
+
+        Raises:
+            WireDown: The first connection failed.
+        """
         await self.open()
         task_status.started()
         while True:
@@ -89,20 +108,30 @@ class HttpPort:
                     await self.open()
                 await self.hear()
             except WireDown:
-                pass  # one that is not understood is kept for a stop until another is open
+                pass  # A connection with unreadable data is kept for a stop until another is open.
             await trio.sleep(REOPEN_S)
 
     async def hear(self) -> None:
-        """Take in what arrives until the connection is closed. Raise ``WireDown`` when it is
-        lost."""
+        """Receive until the connection is closed.
+
+        Raises:
+            WireDown: It was lost.
+        """
         while self.is_open:
             await self._hear()
 
     def send(
         self, method: str, target: str, body: bytes = b"", *, permit: Permit | None = None, kind: str = JSON
     ) -> int:
-        """Hand a request over now; return its number on this connection. Raise ``WireDown``, and
-        ``PermitDenied`` before anything has left."""
+        """Hand over a request now.
+
+        Returns:
+            Its number on this connection, for ``answer``.
+
+        Raises:
+            WireDown: It could not be sent.
+            PermitDenied: Nothing has left.
+        """
         if not self.is_open:
             raise WireDown(f"{self.name}: not connected. Reconnect")
         if permit is not None:
@@ -111,14 +140,27 @@ class HttpPort:
         return self._count()
 
     def send_stop(self, method: str, target: str, body: bytes = b"") -> int:
-        """As ``send``, on a connection that is not understood any more, too: a stop needs no
-        answer. Raise ``WireDown`` where nothing is open."""
+        """As ``send``, also on a connection that received unreadable data, since a stop needs no answer.
+
+        Raises:
+            WireDown: No connection is open.
+        """
         self._stream.write_stop(self._end.request(method, target, body))
         return self._count()
 
     async def answer(self, number: int, within_s: float) -> Response:
-        """Return the response to that request. Raise ``WireDown``, and close the connection, when
-        none comes in time; when what comes is no HTTP it is kept for a stop."""
+        """Return the response to a request.
+
+        If it does not come in time, the connection is closed. If the received data is no HTTP, the
+        connection is kept for a stop.
+
+        Args:
+            number: The result of ``send``.
+            within_s: Time to wait.
+
+        Raises:
+            WireDown: There is no response.
+        """
         asked = self._stream.connection
         with trio.move_on_after(within_s):
             while self.is_open and self._stream.connection is asked and self._heard < number:
@@ -127,7 +169,7 @@ class HttpPort:
                 return self._responses[number]
             raise WireDown(f"{self.name}: the connection was lost before the answer. Check the service")
         if self._stream.connection is asked:
-            self.close()  # a late answer could pass for the next
+            self.close()  # A late response could pass for the next one.
         raise WireDown(f"{self.name}: no answer within {within_s * 1e3:.0f} ms. Check the service and its network")
 
     async def ask(
@@ -140,8 +182,12 @@ class HttpPort:
         permit: Permit | None = None,
         kind: str = JSON,
     ) -> Response:
-        """``send`` and ``answer``, on a connection made for it where none was used lately. Raise
-        ``WireDown``, and ``PermitDenied`` before anything has left."""
+        """Send a request and return its response. Connect first if no connection was used lately.
+
+        Raises:
+            WireDown: There is no response within ``within_s``.
+            PermitDenied: Nothing has left.
+        """
         with trio.move_on_after(within_s) as scope:
             await self.ready()
         if not self.is_open:
@@ -150,17 +196,17 @@ class HttpPort:
         return await self.answer(number, scope.deadline - trio.current_time())
 
     def close(self) -> None:
-        """Throw the connection away. Harmless when called again."""
+        """Reset the connection. Another call does nothing."""
         self._stream.close()
 
     def close_in_order(self) -> None:
-        """As ``close``, but what was sent still arrives: for one on which stops were sent."""
+        """As ``close``, but sent data still arrives. Meant for a connection that has carried a stop."""
         self._stream.close(in_order=True)
 
     def _forget(self) -> None:
         self._end = ClientEnd(self.name, self._max_body)
-        self._sent = self._heard = 0  # requests, and responses to them, on this connection
-        self._responses: dict[int, Response] = {}  # the newest few, by number
+        self._sent = self._heard = 0  # requests and responses on this connection
+        self._responses: dict[int, Response] = {}  # the newest ones, by number
 
     def _count(self) -> int:
         self._sent += 1
@@ -168,10 +214,10 @@ class HttpPort:
         return self._sent
 
     async def _hear(self) -> None:
-        """Take in what comes next, or wait until another task did. Raise ``WireDown``."""
+        """Receive once, or wait until another task has. Raise ``WireDown``."""
         end, data = self._end, b""
         if end.has_unread:
-            await trio.lowlevel.checkpoint()  # others get their turn, and may have closed it
+            await trio.lowlevel.checkpoint()  # Other tasks run, and one may have closed the connection.
         else:
             data = await self._stream.read()
         if end is not self._end or not (data or end.has_unread):

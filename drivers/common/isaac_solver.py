@@ -1,12 +1,12 @@
-"""Physics by Isaac Sim (PhysX), which needs an RTX graphics card. Twins with ``backend="isaac"`` only.
+"""Physics by Isaac Sim (PhysX), which needs an RTX graphics card. Only for twins with ``backend="isaac"``.
 
-Nobody has seen this run on Isaac Sim: the names are those of the documentation of Isaac Sim 5, and
-the tests know a stand-in of it.
+This was never run on Isaac Sim. Its names come from the documentation of Isaac Sim 5, and the tests use a
+stand-in.
 
-As with Newton the model and its state stay MuJoCo's, so that everything that looks at a body, and
-the verbs and pictures of a simulation, are the same. The model goes to Isaac Sim as an MJCF, once.
-For a step its joints get their gains, targets and torques, and where they are comes back; what is
-felt beside that (forces, sensors) MuJoCo computes from it.
+As with Newton, the model and its state stay MuJoCo's. So the code that looks at a body, and the verbs and
+pictures of a simulation, stay the same. Isaac Sim gets the model once, as an MJCF. For each step it gets
+gains, targets and torques of the joints, and returns their positions and velocities. From these MuJoCo
+computes forces and sensors.
 """
 
 from __future__ import annotations
@@ -22,16 +22,20 @@ from .lean_mujoco import mujoco
 from .paced_solver import Paced, without_dynamics
 
 ROBOT = "/World/robot"
-"""Where it stands in the stage."""
+"""Path of the robot in the stage."""
 
 _app: Any = None
-"""Isaac Sim runs once in a process, and has to run before anything else of it is imported."""
+"""The application. It runs once in a process, and must run before any other part of Isaac Sim is imported."""
 
 
 class IsaacSolver(Paced):
-    """Steps one model. Raise ``ImportError`` when Isaac Sim is not there, ``ValueError`` for a model
-    that is not a robot with joints of one axis on a fixed base, each with a servo or motor of its
-    own."""
+    """Steps one model.
+
+    Raises:
+        ImportError: Isaac Sim is not installed.
+        ValueError: The model is no robot on a fixed base that has joints of one axis, each with its own
+            servo or motor.
+    """
 
     def __init__(self, spec: Any, model: Any, data: Any) -> None:
         super().__init__()
@@ -54,10 +58,10 @@ class IsaacSolver(Paced):
         self._action = isaacsim.core.utils.types.ArticulationAction
         self._to_theirs(model)
         self._sent: tuple[Any, ...] = ()
-        self._seen = np.full(model.nq + model.nv, np.nan)  # nothing: where the joints are is sent first
+        self._seen = np.full(model.nq + model.nv, np.nan)  # unlike any state, so that the first step sends it
 
     def _to_theirs(self, model: Any) -> None:
-        """Find the joints by their names: their order is Isaac Sim's own. Raise ``ValueError``."""
+        """Find the joints by name, since Isaac Sim has its own order. Raise ``ValueError`` if they differ."""
         names = list(self._robot.dof_names)
         ours = [model.joint(joint).name for joint in range(model.njnt)]
         if sorted(names) != sorted(ours):
@@ -92,12 +96,13 @@ class IsaacSolver(Paced):
         self._took(steps, began_s)
 
     def _put(self, joints: Any, positions: Any, velocities: Any) -> None:
-        """Bring joints somewhere at once: they were reset, set by hand or are stuck."""
+        """Move joints at once, because they were reset, set by hand, or are stuck."""
         self._robot.set_joint_positions(np.asarray(positions), joint_indices=self._dof[joints])
         self._robot.set_joint_velocities(np.asarray(velocities), joint_indices=self._dof[joints])
 
     def _send_gains(self, model: Any) -> Any:
-        """Return the stiffness of each servo, at its joint. Gains change when torque comes or goes."""
+        """Send the gains if they have changed, as they do when torque goes on or off. Return the stiffness
+        of each servo at its joint."""
         squared = self._gear**2
         kp = -model.actuator_biasprm[:, 1] * squared
         limit = model.actuator_forcerange[:, 1] * np.abs(self._gear)
@@ -115,7 +120,7 @@ class IsaacSolver(Paced):
         return kp
 
     def _drive(self, model: Any, data: Any, kp: Any) -> None:
-        """Where there is stiffness a servo goes to its target, else its motor gives a torque."""
+        """Send a target to each servo with stiffness, and a torque to each motor without."""
         asked = model.actuator_gainprm[:, 0] * data.ctrl[self._ctrl] + model.actuator_biasprm[:, 0]
         asked[self._slewed] = -model.actuator_biasprm[self._slewed, 1] * data.act[self._act]
         asked *= self._gear
@@ -128,14 +133,14 @@ class IsaacSolver(Paced):
         )
 
     def _theirs(self, values: Any) -> Any:
-        """Return values of our joints in their order."""
+        """Return values of our joints in Isaac Sim's order."""
         ordered = np.empty(len(values))
         ordered[self._dof] = values
         return ordered
 
 
 def _check(model: Any) -> None:
-    """Raise ``ValueError``."""
+    """Raise ``ValueError`` for a model that Isaac Sim cannot take."""
     turning = [int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE)]
     if not np.isin(model.jnt_type, turning).all():
         raise ValueError("backend 'isaac' takes no free bodies: robots on a fixed base, and static objects")
@@ -147,7 +152,7 @@ def _check(model: Any) -> None:
 
 
 def _start() -> None:
-    """Raise ``ImportError``."""
+    """Start Isaac Sim if it does not run. Raise ``ImportError`` if it is not installed."""
     global _app
     if _app is None:
         import isaacsim
@@ -156,8 +161,8 @@ def _start() -> None:
 
 
 def _written(spec: Any, folder: Path) -> str:
-    """Return the file of a model that its importer reads: with its meshes beside it, without what
-    only MuJoCo has."""
+    """Write a model as a file for Isaac Sim's importer, with its meshes beside it and without parts that
+    only MuJoCo knows. Return the path."""
     theirs = without_dynamics(spec, range(len(spec.actuators)))
     for equality in list(theirs.equalities):
         theirs.delete(equality)
@@ -172,7 +177,7 @@ def _written(spec: Any, folder: Path) -> str:
 
 
 def _import(file: str) -> None:
-    """Raise ``ValueError``."""
+    """Import the file into the stage. Raise ``ValueError`` if the importer refuses it."""
     import isaacsim.core.utils.extensions
 
     isaacsim.core.utils.extensions.enable_extension("isaacsim.asset.importer.mjcf")

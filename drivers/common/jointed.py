@@ -1,7 +1,7 @@
-"""What every body in MuJoCo does: its joints by index, stepped to wall time on demand, and jammed
-on request.
+"""The base of every body in MuJoCo. It addresses joints by index, steps to wall time on demand, and
+can jam a joint.
 
-Imported by twins only: nothing of the runtime or of the wire process loads MuJoCo.
+Only twins import it: neither the runtime nor the wire process loads MuJoCo.
 """
 
 from __future__ import annotations
@@ -15,20 +15,25 @@ from .lean_mujoco import PLAIN, mujoco
 from .solver import Solver, new_solver
 
 LONGEST_CATCH_UP_S = 0.25
-"""Time that nobody looked at is stepped when somebody does, up to this: a longer stall is dropped,
-not replayed."""
+"""``catch_up`` steps at most so much time in one call. The rest of a longer stall is dropped, not
+replayed."""
 
 
 class Jointed:
-    """Joints by index, in the order of ``joints``, each with an actuator of its own."""
+    """Joints by index, in the order of ``joints``. Each has its own actuator."""
 
     def __init__(self, spec: Any, joints: Sequence[str], **jam: Any) -> None:
-        """``jam``: how stiffly a seized joint stays where it is, in the words of MuJoCo's
-        equalities."""
+        """Compile the model, with a switchable jam for every joint.
+
+        Args:
+            spec: The ``MjSpec``.
+            joints: Names of the joints, in the order of the indices.
+            jam: Options of MuJoCo's equalities. They set how stiffly a jammed joint stays in place.
+        """
         self.joints = tuple(joints)
         self.spec = spec
         for name in self.joints:
-            spec.add_equality(  # switched on, it jams the joint where it is
+            spec.add_equality(  # active, it jams the joint at its position
                 default=PLAIN.default,
                 type=mujoco.mjtEq.mjEQ_JOINT,
                 objtype=mujoco.mjtObj.mjOBJ_JOINT,
@@ -42,12 +47,12 @@ class Jointed:
         self._solver: Solver = new_solver(spec, self.model, self.data)
         self._step_s = float(self.model.opt.timestep)
         self._origin_s: float | None = None
-        self.placed: tuple[Any, Any] | None = None  # position and quaternion that the robot was put to
+        self.placed: tuple[Any, Any] | None = None  # position and quaternion at which the robot was placed
         self._bind()
 
     def _bind(self) -> None:
-        """Find each joint's actuator by what it turns: in real models neither order nor name says
-        so."""
+        """Find each actuator by the joint that it drives. In real models neither the order nor the names
+        of the actuators match those of the joints."""
         model = self.model
         actuator_of = {
             int(model.actuator_trnid[actuator, 0]): actuator
@@ -70,17 +75,17 @@ class Jointed:
 
     @property
     def effort_nm(self) -> tuple[float, ...]:
-        """Return what the actuators push with, not what gravity pulls."""
+        """Return the torques of the actuators, without gravity."""
         return tuple(self.data.actuator_force[self._actuator].tolist())
 
     def set_stuck(self, index: int, on: bool) -> None:
-        """A seized gearbox: the joint stays where it is whatever pulls."""
+        """Seize the gearbox of a joint, or free it. A seized joint keeps its position under any load."""
         address = self._qpos[index]
         self.model.eq_data[self._jam[index], 0] = self.data.qpos[address] - self.model.qpos0[address]
         self.data.eq_active[self._jam[index]] = on
 
     def catch_up(self, now_s: float) -> None:
-        """Step to ``now_s``, on any clock that runs forward. The first call sets the clock."""
+        """Step to ``now_s``, on any monotonic clock. The first call sets the origin."""
         if self._origin_s is None:
             self._origin_s = now_s - self.data.time
         behind_s = now_s - self._origin_s - self.data.time
@@ -93,14 +98,19 @@ class Jointed:
             self._solver.step(self.model, self.data, steps)
 
     def step(self, steps: int) -> None:
-        """So many steps at once, which no clock has seen: it runs on from there."""
+        """Make this number of steps at once. The clock does not count them."""
         self._solver.step(self.model, self.data, steps)
         if self._origin_s is not None:
             self._origin_s -= steps * self._step_s
 
     def recompile(self) -> None:
-        """Take what was added to ``spec`` into the model. What moves goes on, and so do the servos:
-        their gains are not the spec's. Raise ``ValueError``, with the model as it was."""
+        """Compile the additions to ``spec`` into the model.
+
+        Motion continues. The servos keep their gains, which were changed after the spec was made.
+
+        Raises:
+            ValueError: The spec cannot be compiled. The model is unchanged.
+        """
         before = self.model
         model, data = self.spec.recompile(before, self.data)
         for name in ("actuator_gainprm", "actuator_biasprm", "actuator_forcerange", "eq_data"):
@@ -112,15 +122,15 @@ class Jointed:
         mujoco.mj_forward(self.model, self.data)
 
     def set_clock_back(self, seconds: float) -> None:
-        """The simulation's time was set back by so much: nothing of that is to be caught up."""
+        """Note that the time of the simulation was set back. ``catch_up`` does not step that time again."""
         if self._origin_s is not None:
             self._origin_s += seconds
 
     def begin_anew(self) -> None:
-        """Everything as at first."""
+        """Set everything back to the start."""
         self._rewind()
 
     def _rewind(self) -> None:
-        """Everything as the model has it; time begins anew."""
+        """Set everything back to the model's initial state. Time starts at 0 again."""
         mujoco.mj_resetData(self.model, self.data)
         self._origin_s = None

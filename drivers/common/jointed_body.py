@@ -1,5 +1,5 @@
-"""The body of a robot whose joints are driven one by one, as its twin shows it at the simulation
-control."""
+"""The body of a robot that drives its joints one by one, as the simulation control of its twin sees
+it."""
 
 from __future__ import annotations
 
@@ -11,7 +11,12 @@ from .simulation_control.scenery import Scenery
 
 
 class JointedBody:
-    """The body of a robot whose joints are driven one by one."""
+    """The body of a robot that drives its joints one by one.
+
+    Args:
+        plant: The physics.
+        pass_time: Called after each step; lets the robot's firmware take note of the new time.
+    """
 
     def __init__(self, plant: Plant, pass_time: Callable[[], None]) -> None:
         self._plant = plant

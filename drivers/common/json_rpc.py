@@ -1,4 +1,4 @@
-"""JSON-RPC 2.0, one object a line (NDJSON), for both ends. Pure: no socket, no clock."""
+"""JSON-RPC 2.0 with one object per line (NDJSON), for both ends. Pure: no socket, no clock."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import msgspec
 from .malformed import MalformedFrame
 
 MAX_LINE = 1 << 20
-"""Bytes of a line, where whoever hears it says nothing else."""
+"""Most bytes of a line, unless the receiver sets another limit."""
 
 PARSE_ERROR = -32700
 INVALID_REQUEST = -32600
@@ -24,7 +24,7 @@ Id = int | str | None
 
 
 class Call(NamedTuple):
-    """A request, or with ``is_notification`` one that nobody answers."""
+    """A request, or a notification, which gets no answer."""
 
     method: str
     params: Mapping[str, Any]
@@ -33,14 +33,14 @@ class Call(NamedTuple):
 
 
 class Result(NamedTuple):
-    """The answer to a request."""
+    """The answer to a request that succeeded."""
 
     id: Id
     value: Any
 
 
 class Failure(NamedTuple):
-    """The other answer: why not."""
+    """The answer to a request that failed."""
 
     id: Id
     code: int
@@ -67,15 +67,19 @@ def encode_failure(number: Id, code: int, message: str) -> bytes:
 
 
 class LineDecoder:
-    """Bytes of one end, in any pieces, to lines without their end."""
+    """Split the bytes of one end, which come in any pieces, into lines."""
 
     def __init__(self, longest: int = MAX_LINE) -> None:
         self._longest = longest
         self._rest = bytearray()
 
     def feed(self, data: bytes) -> Iterator[bytes]:
-        """Raise ``MalformedFrame`` for a line that is too long: what follows cannot be told from
-        it, so the connection is of no further use."""
+        """Yield the complete lines, without line ends and without empty lines.
+
+        Raises:
+            MalformedFrame: A line is too long. Later lines cannot be told apart from it, so the
+                connection is of no further use.
+        """
         self._rest += data
         while (end := self._rest.find(b"\n")) >= 0:
             line = bytes(self._rest[:end])
@@ -91,31 +95,31 @@ class LineDecoder:
 
 
 def decode(line: bytes) -> Message:
-    """Raise ``MalformedFrame`` for a line that is no message of JSON-RPC 2.0."""
+    """Return the message in a line. Raise ``MalformedFrame`` if it is no message of JSON-RPC 2.0."""
     try:
-        told = _JSON.decode(line)
+        content = _JSON.decode(line)
     except (msgspec.DecodeError, RecursionError, UnicodeDecodeError):
         raise MalformedFrame("a line that is no JSON") from None
-    if not isinstance(told, dict) or told.get("jsonrpc") != _VERSION:
+    if not isinstance(content, dict) or content.get("jsonrpc") != _VERSION:
         raise MalformedFrame("no message of JSON-RPC 2.0")
-    number = told.get("id")
+    number = content.get("id")
     if isinstance(number, bool) or not isinstance(number, int | str | None):
         raise MalformedFrame("an id that is none")
-    if "method" in told:
-        return _call(told, number)
-    if "error" in told:
-        return _failure(told["error"], number)
-    if "result" in told:
-        return Result(number, told["result"])
+    if "method" in content:
+        return _call(content, number)
+    if "error" in content:
+        return _failure(content["error"], number)
+    if "result" in content:
+        return Result(number, content["result"])
     raise MalformedFrame("neither a call nor an answer")
 
 
-def _call(told: dict[str, Any], number: Id) -> Call:
-    method, params = told["method"], told.get("params")
+def _call(content: dict[str, Any], number: Id) -> Call:
+    method, params = content["method"], content.get("params")
     params = {} if params is None else params
     if not isinstance(method, str) or not isinstance(params, dict):
         raise MalformedFrame("a call without a method, or whose parameters have no names")
-    return Call(method, params, number, "id" not in told)
+    return Call(method, params, number, "id" not in content)
 
 
 def _failure(error: object, number: Id) -> Failure:

@@ -1,9 +1,8 @@
-"""A client of JSON-RPC over one connection: what is said leaves at once or never, and each answer
-is waited for with a deadline.
+"""A client of JSON-RPC over one connection. A message leaves at once or fails; each answer has a deadline.
 
-Nothing is queued, said again or kept for the next connection. Answers that come late belong to
-nobody; a line that makes no sense is counted. A connection whose lines cannot be told apart any more
-is not read from then on, but a stop can still be written to it until it is replaced or closed.
+No message is queued, repeated, or kept for the next connection. A late answer is dropped. A line that
+cannot be decoded is counted. If lines can no longer be told apart, the connection is not read any more,
+but a stop can still be written to it until it is replaced or closed.
 """
 
 from __future__ import annotations
@@ -34,7 +33,7 @@ _GONE = object()
 
 
 class SaidNo(Exception):
-    """The service answered with an error."""
+    """The service has answered with an error."""
 
     def __init__(self, code: int, message: str) -> None:
         super().__init__(message)
@@ -42,8 +41,12 @@ class SaidNo(Exception):
 
 
 class JsonRpcPort:
-    """``notice`` is called with each notification of the service, as it comes. Everything raises
-    ``WireDown`` once the connection is gone."""
+    """One connection to a service. Every call raises ``WireDown`` once the connection is gone.
+
+    Args:
+        open_stream: Makes a connection.
+        notice: Called with each notification of the service, as it comes.
+    """
 
     def __init__(self, open_stream: OpenStream, notice: Callable[[Call], None]) -> None:
         self._open_stream = open_stream
@@ -51,7 +54,7 @@ class JsonRpcPort:
         self._stream = SharedStream(self._forget_all)
         self._lines = LineDecoder()
         self._number = 0
-        self._waiting: dict[int, Result | Failure | None] = {}  # requests whose answer somebody wants
+        self._waiting: dict[int, Result | Failure | None] = {}  # requests with an awaited answer
         self.malformed = 0
 
     @property
@@ -60,11 +63,11 @@ class JsonRpcPort:
 
     @property
     def takes_stops(self) -> bool:
-        """Return whether there is a connection that a stop can be written to."""
+        """True if there is a connection to which a stop can be written."""
         return self._stream.is_connected
 
     async def open(self) -> None:
-        """Connect anew, and say nothing. One that is not understood is kept until then."""
+        """Connect again, and send nothing. A connection that cannot be decoded is kept until then."""
         if self.is_open:
             self.close()
         self._stream.replace(await self._open_stream())
@@ -73,17 +76,17 @@ class JsonRpcPort:
         self._stream.write(encode_notification(method, params))
 
     def notify_stop(self, method: str, params: Mapping[str, Any]) -> None:
-        """As ``notify``, on a connection that is not understood any more, too: a stop needs no
+        """As ``notify``, also on a connection that cannot be decoded any more, since a stop needs no
         answer."""
         self._stream.write_stop(encode_notification(method, params))
 
     def send_stop(self, method: str, params: Mapping[str, Any]) -> None:
-        """As ``notify_stop``, of a method that is a request. Nobody waits for its answer."""
+        """As ``notify_stop``, for a method that is a request. Its answer is dropped."""
         self._number += 1
         self._stream.write_stop(encode_request(self._number, method, params))
 
     def send(self, method: str, params: Mapping[str, Any]) -> int:
-        """Hand a request over now; return its number. Its answer is kept until ``answer`` or
+        """Hand over a request now and return its number. Its answer is kept until ``answer`` or
         ``forget``."""
         self._number += 1
         self._stream.write(encode_request(self._number, method, params))
@@ -94,8 +97,16 @@ class JsonRpcPort:
         self._waiting.pop(number, None)
 
     async def answer(self, number: int, within_s: float) -> Any:
-        """Return the result of that request. Raise ``SaidNo``; ``WireDown`` when none comes in
-        time: the connection stays as it is."""
+        """Return the result of a request.
+
+        Args:
+            number: The result of ``send``.
+            within_s: Time to wait.
+
+        Raises:
+            SaidNo: The service has answered with an error.
+            WireDown: There is no answer in time. The connection stays open.
+        """
         try:
             with trio.move_on_after(within_s):
                 await self.until(lambda: self._waiting.get(number, _GONE) is not None)
@@ -115,16 +126,16 @@ class JsonRpcPort:
         return await self.answer(self.send(method, params), within_s)
 
     async def hear(self) -> None:
-        """Take in what comes, until the connection is lost."""
+        """Receive until the connection is lost."""
         await self.until(lambda: False)
 
     async def until(self, is_so: Callable[[], bool]) -> None:
-        """Take in what comes, until it is so."""
+        """Receive until ``is_so()`` is true."""
         while not is_so():
             await self._hear()
 
     def close(self) -> None:
-        """Throw the connection away. Harmless when called again."""
+        """Reset the connection. Another call does nothing."""
         self._stream.close()
 
     def _forget_all(self) -> None:
@@ -132,7 +143,7 @@ class JsonRpcPort:
         self._waiting.clear()
 
     async def _hear(self) -> None:
-        """Take in what comes next, or wait until somebody else did."""
+        """Receive once, or wait until another task has."""
         data = await self._stream.read()
         try:
             for line in self._lines.feed(data):

@@ -1,12 +1,12 @@
-"""MuJoCo, imported for its physics alone.
+"""MuJoCo, imported for its physics only.
 
-Without OpenGL: physics needs none, and a word in ``MUJOCO_GL`` that MuJoCo does not know would
-otherwise keep a robot from moving. Whoever renders picks a platform when it does (see
+It is imported without OpenGL, which physics does not need. A value of ``MUJOCO_GL`` that MuJoCo does not
+know would otherwise keep a robot from moving. The renderer chooses a platform later (see
 ``common.control.renderer``).
 
-Without its stopwatch: the bindings time every part of every step, for figures (``mjData.timer``)
-that nobody here reads. A sixth of an arm's step was reading the clock (measured: 4.3 us with it,
-3.55 without).
+It runs without its stopwatch. The bindings time every part of every step for figures (``mjData.timer``)
+that are not read here. Reading the clock took a sixth of an arm's step (measured: 4.3 us with it, 3.55
+without).
 """
 
 from __future__ import annotations
@@ -29,9 +29,9 @@ finally:
 mujoco: Any = _mujoco
 
 PLAIN: Any = mujoco.MjSpec()
-"""Its ``default`` is MuJoCo's own. Elements that are added to a user's model get it: otherwise the
-main default of that model (a gear, a control range, no contacts) would apply to them."""
+"""Its ``default`` is MuJoCo's own. Elements that are added to a user's model get it. Otherwise the main
+default of that model (a gear, a control range, no contacts) would apply to them."""
 
 for _library in Path(_mujoco.__file__).parent.glob("libmujoco*"):
-    # a global of MuJoCo's C interface, documented there; ``mujoco.set_mjcb_time`` sets no null
+    # This is a documented global of MuJoCo's C interface. ``mujoco.set_mjcb_time`` cannot set it to null.
     ctypes.c_void_p.in_dll(ctypes.CDLL(str(_library)), "mjcb_time").value = None

@@ -1,4 +1,4 @@
-"""The body of a legged robot: a floating base on torque motors. Twins only."""
+"""The body of a legged robot: a floating base on torque motors. Only for twins."""
 
 from __future__ import annotations
 
@@ -13,15 +13,22 @@ from .lean_mujoco import mujoco
 from .model_rows import build
 
 TIPPED = math.cos(math.radians(60.0))
-"""How far upright a base still counts as standing: the cosine of its tilt."""
+"""Cosine of the largest tilt at which a base still counts as standing."""
 
 _TOUCHING_M = 0.001
 
 
 class LeggedBody(Jointed):
-    """Each motor gives ``tau + kp (q - position) + kd (dq - speed)`` with the joint's effort at
-    most, as motor controllers do. At first it stands at ``home_rad``, its lowest point on the
-    floor, and they give nothing."""
+    """A floating base with legs.
+
+    Each motor gives ``tau + kp (q - position) + kd (dq - speed)``, up to the joint's effort, as motor
+    controllers do. At first the robot stands at ``home_rad`` with its lowest point on the floor, and the
+    motors give no torque.
+
+    Args:
+        table: The robot's table in ``robots.toml``.
+        joints: Names of the joints, in the order of the motors.
+    """
 
     def __init__(self, table: Mapping[str, Any], joints: Sequence[str]) -> None:
         spec = build({**table, "torque_motors": True})
@@ -39,7 +46,7 @@ class LeggedBody(Jointed):
         self.stand_up()
 
     def stand_up(self) -> None:
-        """Back on its feet, as somebody would put it there."""
+        """Set the robot back on its feet, as a person would."""
         data = self.data
         self._rewind()
         data.qpos[self._qpos] = self._home
@@ -49,7 +56,7 @@ class LeggedBody(Jointed):
         self.drive(*np.zeros((5, len(self._actuator))))
 
     def _lowest_m(self) -> float:
-        """Height of the lowest point of any shape."""
+        """Return the height of the lowest point of any shape."""
         model, data = self.model, self.data
         lowest = math.inf
         for geom in range(model.ngeom):
@@ -75,7 +82,7 @@ class LeggedBody(Jointed):
         kp: Sequence[float],
         kd: Sequence[float],
     ) -> None:
-        """What every motor is to do until it is told otherwise."""
+        """Set the target of every motor, until the next call: rad, rad/s, Nm, Nm/rad, Nm s/rad."""
         stiffness = np.where(self._off, 0.0, kp)
         damping = np.where(self._off, 0.0, kd)
         force = np.where(self._off, 0.0, np.asarray(tau) + stiffness * q + damping * dq)
@@ -86,12 +93,12 @@ class LeggedBody(Jointed):
         self.data.ctrl[self._actuator] = force
 
     def set_off(self, index: int, off: bool) -> None:
-        """A motor without supply, from the next ``drive`` on."""
+        """Cut the supply of a motor, or restore it, from the next ``drive`` on."""
         self._off[index] = off
 
     def carry(self, vx_m_s: float, vy_m_s: float, vyaw_rad_s: float, seconds: float) -> None:
-        """Shift and turn it whole, in its own frame, about the vertical: its legs only stand, while an
-        onboard controller would have it walk."""
+        """Shift and turn the whole robot, in its own frame and about the vertical. Its legs only stand,
+        where a real onboard controller would make it walk."""
         qpos = self.data.qpos
         w, x, y, z = (float(value) for value in qpos[3:7])
         heading = math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
@@ -102,7 +109,7 @@ class LeggedBody(Jointed):
         c, s = math.cos(half), math.sin(half)
         qpos[3:7] = (c * w - s * z, c * x - s * y, c * y + s * x, c * z + s * w)
 
-    # -- what it feels
+    # -- sensors
 
     @property
     def orientation_wxyz(self) -> tuple[float, ...]:

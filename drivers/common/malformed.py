@@ -1,7 +1,7 @@
-"""The one error of every codec."""
+"""The error that every codec raises."""
 
 from __future__ import annotations
 
 
 class MalformedFrame(ValueError):
-    """Bytes that are no frame of the protocol. The text says what is wrong with them."""
+    """Bytes that are no frame of the protocol. The text names the error."""

@@ -1,10 +1,10 @@
-"""Modbus TCP: frames and their decoder, pure, and a client that is never out of step.
+"""Modbus TCP: frames and their decoder, which are pure, and a client that never mixes up replies.
 
-The codec is pymodbus's own framer and PDU classes. Its clients are not used: on a silent peer they
-block for seconds, repeat by themselves and reconnect behind one's back.
+The codec is pymodbus's framer and PDU classes. Its clients are not used: with a silent peer they block
+for seconds, retry by themselves, and reconnect unnoticed.
 
-A reply belongs to the question whose transaction id it bears, however late it is; one that belongs
-to no question ends the connection. So no reply can ever be taken for the next one's.
+A reply belongs to the request with its transaction id, however late it is. A reply to no request ends the
+connection. So no reply is ever taken for that of the next request.
 """
 
 from __future__ import annotations
@@ -29,14 +29,13 @@ from strands_actors.kernel.clock import NS, Clock
 from .malformed import MalformedFrame
 from .tcp_port import ByteStream
 
-logging.getLogger("pymodbus").addHandler(logging.NullHandler())  # else a bad frame is printed on stderr
+logging.getLogger("pymodbus").addHandler(logging.NullHandler())  # Otherwise a bad frame is printed on stderr.
 
 SILENT_S = 0.5
-"""A peer that was asked and has said nothing for so long is gone."""
+"""A peer with an open request that has sent nothing for so long counts as gone."""
 
 MAX_OPEN = 4096
-"""Questions without an answer, while others are answered; far fewer than there are transaction
-ids."""
+"""Most unanswered requests, while others are answered. There are far more transaction ids."""
 
 _HEADER = 7
 _MAX_LENGTH = 254
@@ -44,26 +43,29 @@ _LAST_ID = 0xFFFF
 
 
 class NotUnderstood(WireDown):
-    """The peer is there and answers, but not with what was asked for: what it says is of no more
-    use. What it is told may be."""
+    """The peer answers, but with something that was not requested. Its replies are useless from now on. A
+    command to it may still work."""
 
 
 class Decoder:
-    """A stream of bytes to PDUs, whose ``dev_id`` and ``transaction_id`` are set."""
+    """Find PDUs in a stream of bytes. Their ``dev_id`` and ``transaction_id`` are set."""
 
     def __init__(self, *, requests: bool) -> None:
-        """``requests``: the stream of a client, otherwise of a server."""
+        """Decode the stream of a client (``requests``), otherwise that of a server."""
         self._framer = FramerSocket(DecodePDU(is_server=requests))
         self._pending = b""
 
     @property
     def has_part(self) -> bool:
-        """Return whether a frame has begun to come."""
+        """True if a frame has begun to arrive."""
         return bool(self._pending)
 
     def feed(self, data: bytes) -> Iterator[tuple[ModbusPDU, bytes]]:
-        """Yield PDUs with their frames. Raise ``MalformedFrame``: a stream has no start marks, so
-        the connection is of no more use."""
+        """Yield PDUs with their frames.
+
+        Raises:
+            MalformedFrame: The stream has no start marks, so the connection is of no more use.
+        """
         self._pending += data
         while len(self._pending) > _HEADER:
             protocol, length = (int.from_bytes(self._pending[at : at + 2], "big") for at in (2, 4))
@@ -81,13 +83,13 @@ class Decoder:
 
 
 def encode(pdu: ModbusPDU) -> bytes:
-    """Return the frame of a PDU whose ``dev_id`` and ``transaction_id`` are set."""
+    """Return the frame of a PDU. Its ``dev_id`` and ``transaction_id`` must be set."""
     frame: bytes = FramerSocket(DecodePDU(is_server=False)).buildFrame(pdu)
     return frame
 
 
 def exception_words(code: int) -> str:
-    """``illegal address (exception 2)``."""
+    """Return a text such as ``illegal address (exception 2)``."""
     try:
         name = ExcCodes(code).name.lower().replace("_", " ")
     except ValueError:
@@ -96,7 +98,14 @@ def exception_words(code: int) -> str:
 
 
 class ModbusClient:
-    """Questions to one unit on one connection. Calls never overlap; questions may."""
+    """Requests to one unit on one connection. Calls must not overlap; requests may.
+
+    Args:
+        stream: The connection. The client closes it.
+        unit: The number of the unit.
+        name: The name of the peer for messages.
+        clock: The clock of the process.
+    """
 
     def __init__(self, stream: ByteStream, unit: int, name: str, clock: Clock) -> None:
         self._stream = stream
@@ -105,29 +114,36 @@ class ModbusClient:
         self._clock = clock
         self._decoder = Decoder(requests=False)
         self._number = 0
-        self._open: dict[int, ModbusPDU] = {}  # questions whose answer has not come
-        self._answers: dict[int, list[int] | None] = {}  # by question that somebody waits for
-        self._waiting_since_ns = 0  # when it was last heard, or since when it was asked
+        self._open: dict[int, ModbusPDU] = {}  # unanswered requests
+        self._answers: dict[int, list[int] | None] = {}  # by number of a request with an awaited answer
+        self._waiting_since_ns = 0  # when a reply came last, or when a silent peer was asked first
         self._asked_ns = 0
 
     def write_registers(self, address: int, values: Sequence[int]) -> None:
-        """Send at once. That it was refused is told by the next ``answer``. Raise ``WireDown``."""
+        """Send a write at once. If the peer refuses it, the next ``answer`` raises. Raise ``WireDown``."""
         self._ask(WriteMultipleRegistersRequest(address=address, registers=list(values)))
 
     def read_registers(self, address: int, count: int) -> int:
-        """Send at once; a number to give to ``answer`` or to ``forget``. Raise ``WireDown``."""
+        """Send a read at once. Return its number, for ``answer`` or ``forget``. Raise ``WireDown``."""
         number = self._ask(ReadInputRegistersRequest(address=address, count=count))
         self._answers[number] = None
         return number
 
     async def answer(self, number: int, within_s: float) -> list[int] | None:
-        """Return the registers that were asked for, or None: not yet. Raise ``WireDown`` when the
-        peer refuses anything, was asked and has said nothing for ``SILENT_S``, or speaks
-        nonsense."""
+        """Return the registers of a read; None if they have not come yet.
+
+        Args:
+            number: The result of ``read_registers``.
+            within_s: Time to wait.
+
+        Raises:
+            WireDown: The peer has refused a request, or was asked and has sent nothing for ``SILENT_S``.
+            NotUnderstood: It has sent something that was not requested.
+        """
         return await self.first_answer((number,), within_s)
 
     async def first_answer(self, numbers: Sequence[int], within_s: float) -> list[int] | None:
-        """As ``answer``, to whichever of these questions is answered first."""
+        """As ``answer``, for the first of these reads that is answered."""
         with trio.move_on_after(within_s):
             while all(self._answers[number] is None for number in numbers):
                 self._take(await self._stream.read())
@@ -141,11 +157,11 @@ class ModbusClient:
 
     @property
     def hears_part(self) -> bool:
-        """Return whether the peer has begun an answer, and not ended it."""
+        """True if the peer has begun a reply and not completed it."""
         return self._decoder.has_part
 
     def forget(self, number: int) -> None:
-        """The answer is of no more interest; it may still come."""
+        """Drop the answer to a read. It may still come."""
         self._answers.pop(number, None)
 
     def close(self) -> None:
@@ -158,7 +174,7 @@ class ModbusClient:
         request.dev_id, request.transaction_id = self._unit, self._number
         now_ns = self._clock.now_ns()
         if not self._open or now_ns - self._asked_ns > SILENT_S * NS:
-            self._waiting_since_ns = now_ns  # nobody was waiting, or nobody asked
+            self._waiting_since_ns = now_ns  # The peer owed no reply, or no request was sent lately.
         self._asked_ns = now_ns
         self._stream.write(encode(request))
         self._open[self._number] = request

@@ -1,7 +1,7 @@
-"""Modbus RTU: frames with their checksum, and their decoder, which finds where one begins. Pure.
+"""Modbus RTU: frames with their checksum, and a decoder that finds where a frame begins. Pure.
 
-RTU has no start mark and no number in a reply: a frame is what has the length its function says and
-a checksum that fits. Whoever asks must ask one question at a time (``half_duplex``).
+RTU has no start marks, and no numbers in replies. Bytes are a frame if they have the length that their
+function requires, and a correct checksum. So a master must send one request at a time (``half_duplex``).
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ _REQUEST_BYTES: Mapping[int, tuple[int, int | None]] = {
     _WRITE: (9, 6),
     _READ_WRITE: (13, 10),
 }
-"""Length of a frame by function, and where it says how many bytes more there are."""
+"""By function: the length of a frame, and the index of the byte with the number of further bytes."""
 _REPLY_BYTES: Mapping[int, tuple[int, int | None]] = {
     **dict.fromkeys((*_READS, _READ_WRITE), (5, 2)),
     _WRITE_ONE: (8, None),
@@ -41,24 +41,24 @@ _REPLY_BYTES: Mapping[int, tuple[int, int | None]] = {
 
 
 class RtuFrame(NamedTuple):
-    """A frame whose checksum was right."""
+    """A frame with a correct checksum."""
 
     id: int  # the unit
     function: int
     params: bytes
-    bytes: bytes  # the whole of it, as it was on the line
+    bytes: bytes  # the whole frame, as on the line
 
     @property
     def failure(self) -> str:
-        """Return why the unit did not do what it was asked, by its own word; empty when it did."""
+        """Why the unit did not do what was requested, from its reply; empty if it did."""
         return exception_words(self.params[0]) if self.function & _EXCEPTION else ""
 
 
 class RtuDecoder:
-    """A stream of bytes to frames. What belongs to none is skipped, byte by byte."""
+    """Find frames in a stream of bytes. Bytes that belong to no frame are skipped one by one."""
 
     def __init__(self, *, requests: bool) -> None:
-        """``requests``: what a master says, otherwise what a unit answers."""
+        """Decode requests of a master (``requests``), otherwise replies of a unit."""
         self._lengths = _REQUEST_BYTES if requests else _REPLY_BYTES
         self._answers = not requests
         self._pending = b""
@@ -80,30 +80,30 @@ class RtuDecoder:
                 self._pending = self._pending[1:]
 
     def _size(self) -> int:
-        """Of the frame that may begin here; 0: none does."""
+        """Return the size of the frame that may begin here; 0 if no frame can."""
         function = self._pending[1]
         if self._answers and function & _EXCEPTION:
             return 5 if function & ~_EXCEPTION in self._lengths else 0
         size, more_at = self._lengths.get(function, (0, None))
         if more_at is not None:
-            # not there yet: wait for the byte that says it
+            # If that byte has not arrived, wait for it.
             size += self._pending[more_at] if len(self._pending) > more_at else 0
         return size if size <= _MAX else 0
 
 
 def checksum(frame: bytes) -> bytes:
-    """CRC-16/MODBUS, low byte first."""
+    """Return the CRC-16/MODBUS of a frame, low byte first."""
     return FramerRTU.compute_CRC(frame).to_bytes(2, "big")
 
 
 def encode(pdu: ModbusPDU) -> bytes:
-    """Return the frame of a PDU whose ``dev_id`` is set."""
+    """Return the frame of a PDU. Its ``dev_id`` must be set."""
     frame: bytes = FramerRTU(DecodePDU(is_server=False)).buildFrame(pdu)
     return frame
 
 
 def request_of(frame: RtuFrame) -> ModbusPDU | None:
-    """Return what a master asks; None for what pymodbus does not know."""
+    """Return the request in a master's frame; None if pymodbus does not know it."""
     pdu = DecodePDU(is_server=True).decode(frame.bytes[1:-_CHECKSUM])
     if pdu is not None:
         pdu.dev_id = frame.id

@@ -1,16 +1,16 @@
-"""Robot models as tables: one row of text per moving link, built with ``mujoco.MjSpec``. No file,
-no mesh.
+"""Build robot models from tables: one row of text per moving link, with ``mujoco.MjSpec``. There is no
+model file and no mesh.
 
     body parent joint axis xyz rot lo,hi effort velocity kg com geom
 
-``-`` leaves a column at its default. Metres, radians, newton metres, radians per second, kilograms.
+``-`` leaves a column at its default. Units: metres, radians, newton metres, radians per second, kilograms.
 
-``joint``   ``-``: welded to its parent
-``axis``    ``x``, ``y`` or ``z``; ``-`` in front turns it round, ``s`` makes it a slide: ``-y``, ``sz``
+``joint``   ``-``: the link is welded to its parent
+``axis``    ``x``, ``y`` or ``z``; ``-`` in front reverses it, ``s`` makes it a slide: ``-y``, ``sz``
 ``xyz``     the link's origin in its parent
 ``rot``     ``0``, or ``r,p,y`` in degrees about the parent's fixed axes (URDF), or ``q:w,x,y,z``
 ``effort``  ``-``: a passive joint
-``com``     with it the link is a point-like mass there; without it the mass fills the shape
+``com``     the mass is a point there; without it the mass fills the shape
 ``geom``    ``cR@x,y,z`` capsule from the origin to a point (default: the first child), ``bX,Y,Z@x,y,z`` box
             of half sizes about a point, ``sR`` sphere, ``yR,H`` cylinder of half height H
 """
@@ -25,8 +25,7 @@ from .lean_mujoco import mujoco
 from .simulation_control.protocol import TIMESTEP_S
 
 LINK_EXTENT_M = 0.1
-"""Gyration length of a link with a ``com``: its rotor's armature outweighs it, so it need not be
-exact."""
+"""Gyration length of a link with a ``com``. It need not be exact, since the rotor's armature outweighs it."""
 
 
 class Row(NamedTuple):
@@ -48,8 +47,14 @@ class Row(NamedTuple):
 
 
 def with_limits(links: str, limits_of: Callable[[str], str]) -> str:
-    """Return rows whose three columns of range, effort and velocity were left out, with those of
-    each joint, by its key: a robot's table has them once, with its joints."""
+    """Fill in the columns of range, effort and velocity.
+
+    A robot's table has these once, with its joints.
+
+    Args:
+        links: Rows without these three columns.
+        limits_of: Return the three columns of a joint, by its key.
+    """
     rows = []
     for line in links.splitlines():
         if line.strip():
@@ -63,7 +68,7 @@ def numbers(text: str) -> tuple[float, ...]:
 
 
 def quaternion(text: str) -> tuple[float, ...]:
-    """w, x, y, z of a ``rot`` column."""
+    """Return w, x, y, z of a ``rot`` column."""
     if text in ("0", "-"):
         return (1.0, 0.0, 0.0, 0.0)
     if text.startswith("q:"):
@@ -79,7 +84,11 @@ def quaternion(text: str) -> tuple[float, ...]:
 
 
 def parse_row(line: str) -> Row:
-    """Raise ``ValueError`` with the line when a column is missing or not a number."""
+    """Return the row in a line.
+
+    Raises:
+        ValueError: A column is missing or no number. The text has the line.
+    """
     columns = line.split()
     if len(columns) != 12:
         raise ValueError(f"a model row has 12 columns, this has {len(columns)}: {line}")
@@ -112,12 +121,18 @@ def parse_rows(text: str) -> list[Row]:
 
 
 def build(table: Mapping[str, Any]) -> Any:
-    """Return a model of a robot's table in ``robots.toml``: ``model_rows``, ``base``, ``armature``,
-    ``damping``, ``friction``, ``gravity_compensated`` (nothing ever pulls the arm down). Every
-    joint with an effort gets a position servo of its own name, rate-limited to the joint's
-    velocity; its gains are the plant's business. With ``torque_motors`` it gets a motor instead,
-    whose torque is the control less ``biasprm`` times position and velocity. A ``base`` that is
-    ``free`` stands on nothing but its feet."""
+    """Return the model of a robot, as an ``MjSpec``.
+
+    Every joint with an effort gets a position servo with the joint's name, limited to the joint's
+    velocity. The plant sets its gains.
+
+    Args:
+        table: The robot's table in ``robots.toml``. It has ``model_rows``, and may have ``base``,
+            ``armature``, ``damping``, ``friction`` and ``gravity_compensated`` (no gravity acts on the
+            arm). With ``torque_motors`` a joint gets a motor instead of a servo; its torque is the control
+            minus ``biasprm`` times position and velocity. A ``base`` that is ``free`` stands on its feet
+            only.
+    """
     rows = parse_rows(table["model_rows"])
     spec = mujoco.MjSpec()
     spec.compiler.degree = False
@@ -168,7 +183,7 @@ def _add_geom(body: Any, text: str, towards: Sequence[float], kg: float) -> None
         "s": mujoco.mjtGeom.mjGEOM_SPHERE,
         "y": mujoco.mjtGeom.mjGEOM_CYLINDER,
     }[text[0]]
-    # links touch the floor, not each other: shapes this coarse would overlap at every joint
+    # Links collide with the floor, not with each other: shapes this coarse would overlap at every joint.
     geom = body.add_geom(type=kind, size=sizes, mass=kg, contype=2, conaffinity=1)
     if text[0] == "c":
         if not point:

@@ -1,8 +1,8 @@
-"""Targets of motors that take position, speed, torque and gains at once, as legged robots' do: what
-an action says, and what of it is refused. Pure; nothing is ever clipped.
+"""Targets of motors that take position, speed, torque and gains at once, as in legged robots.
 
-A target is five rows, each in the order of the joints: q (rad), dq (rad/s), tau (Nm), kp (Nm/rad),
-kd (Nm s/rad).
+This module parses an action into a target and refuses a target out of limits. It is pure and never
+clips a value. A target is five rows, each in the order of the joints: q (rad), dq (rad/s), tau (Nm),
+kp (Nm/rad), kd (Nm s/rad).
 """
 
 from __future__ import annotations
@@ -26,18 +26,19 @@ Q, DQ, TAU, KP, KD = range(len(ROWS))
 _ROW = {name: row for row, name in enumerate(ROWS)}
 
 LONGEST_STEP_S = 0.1
-"""A slower stream may not step further than a joint turns meanwhile."""
+"""Longest period that the step gate counts. A slower stream may step no further than a joint turns in
+this time."""
 
 FLOAT32_ROUNDING = 1e-6
-"""Numbers are float32 on the wire, and as the robot reports them."""
+"""Numbers are float32 on the wire, and in the robot's reports."""
 
 
 class Joint(msgspec.Struct, frozen=True):
-    """One motor. Radians, newton metres, seconds."""
+    """One motor, in radians, newton metres and seconds."""
 
     key: str
     slot: int
-    mode: int  # what its slot says when it is to obey
+    mode: int  # value of its slot's mode field that makes it obey
     low: float
     high: float
     torque: float
@@ -51,7 +52,7 @@ class Joint(msgspec.Struct, frozen=True):
 
 
 class Motors(Protocol):
-    """What a robot's table says of those that may be commanded."""
+    """The table of a robot's motors that can be commanded."""
 
     @property
     def name(self) -> str: ...
@@ -67,7 +68,11 @@ _COLUMNS = {"key": str, "slot": int, "mode": int}
 
 
 def parse_joints(text: str) -> tuple[Joint, ...]:
-    """Return a table's joints: one line each, in the columns of ``Joint``. Raise ``ValueError``."""
+    """Parse the joints of a table: one line each, in the columns of ``Joint``.
+
+    Raises:
+        ValueError: A line has another number of columns, or a column is no number.
+    """
     return tuple(_parse_joint(line) for line in text.splitlines() if line.strip())
 
 
@@ -83,7 +88,7 @@ def _parse_joint(line: str) -> Joint:
 
 
 class Parser:
-    """An action, joints by name, to a whole target."""
+    """Turn an action, which has joints by name, into a whole target."""
 
     def __init__(self, model: Motors) -> None:
         self._model = model
@@ -94,13 +99,16 @@ class Parser:
         self._rest = (*zero, *zero, *(joint.kp for joint in model.joints), *(joint.kd for joint in model.joints))
 
     def parse(self, action: Mapping[str, object], state: GateState) -> Candidate | Refused:
-        """A number is q in radians, sent with the joint's own gains; a dict has q and what differs
-        from that. A joint that is not named keeps its target; as long as there is none, it is held
-        where it is."""
+        """Return the whole target of an action, or a refusal.
+
+        A number is q in radians, sent with the joint's own gains. A dict has q, and any other row that
+        differs from the joint's default. A joint that is not named keeps its target; before the first
+        target it is held at its measured position.
+        """
         count = self._count
         if not action:
             return Refused(Code.EMPTY, "the action names no joint", f"use {self._keys}", "{}", self._keys)
-        fresh = len(state.target) == count  # armed, and nothing accepted since
+        fresh = len(state.target) == count  # The robot was armed, and no target was accepted since.
         before = state.observation.position if fresh else state.target
         whole = len(action) == count
         target = [*before[:count], *self._rest] if fresh or whole else list(before)
@@ -124,12 +132,12 @@ class Parser:
         return Candidate(tuple(target), tuple(named))
 
     def named(self, action: Mapping[str, object]) -> list[int]:
-        """Of an accepted action, in the order of the motors."""
+        """Return the joints of an accepted action, by index, in the order of the motors."""
         return sorted(self._index[key] for key in action)
 
     def _take(self, target: list[float], at: int, value: object) -> Refused | None:
-        """What is no plain float. 500 times a second and for every joint: known names and floats
-        come first."""
+        """Set the rows of a joint whose value is no plain float. This runs 500 times a second for every
+        joint, so the checks of known names and floats come first."""
         if type(value) is not dict:
             value = dict(value) if isinstance(value, Mapping) else {"q": value}
         if "q" not in value:
@@ -177,7 +185,8 @@ class Parser:
 
 
 def _spellings(key: str) -> tuple[str, ...]:
-    """The models' names carry ``_joint``, the wire's do not always."""
+    """Return the accepted spellings of a joint. Names in the models end with ``_joint``; those on the wire
+    do not always."""
     bare = key.removesuffix("_joint")
     return bare, f"{bare}_joint", f"{bare}.pos", f"{bare}_joint.pos"
 
@@ -186,7 +195,7 @@ def _spellings(key: str) -> tuple[str, ...]:
 
 
 def target_gates(model: Motors, control_s: float) -> tuple[GateCheck, ...]:
-    """Return the gates in the order in which they are asked: the first that refuses answers."""
+    """Return the gates in the order of the checks. The first that refuses gives the answer."""
     in_range = past_range(_table(model), rounding=FLOAT32_ROUNDING)
     return (
         finite_rows(model),
@@ -203,8 +212,8 @@ def _table(model: Motors) -> tuple[Axis, ...]:
 
 
 def finite_rows(model: Motors) -> GateCheck:
-    """Refuse a target with a number that is not finite, also of a joint that is not named: that one
-    is to stay where it was read, and goes out with its gains all the same."""
+    """Refuse a target with a number that is not finite, even for a joint that is not named. Such a joint
+    holds its measured position, and its values are sent with its gains all the same."""
     count = len(model.joints)
 
     def finite_rows(candidate: Candidate, state: GateState) -> Refused | None:
@@ -226,7 +235,7 @@ _WORDS = {DQ: (Code.TOO_FAST, "dq", "rad/s"), TAU: (MotorCode.TOO_STRONG, "tau",
 
 
 def within(model: Motors, row: int) -> GateCheck:
-    """Return the speed or the torque that is asked for, against what the joint has."""
+    """Refuse a speed or a torque (by ``row``) beyond the joint's limit."""
     count = len(model.joints)
     most = tuple(joint.speed if row == DQ else joint.torque for joint in model.joints)
     code, name, unit = _WORDS[row]
@@ -235,7 +244,7 @@ def within(model: Motors, row: int) -> GateCheck:
 
     def within(candidate: Candidate, state: GateState) -> Refused | None:
         values = candidate.values
-        if values[first : first + count] == nothing:  # most often, and 500 times a second
+        if values[first : first + count] == nothing:  # the usual case, 500 times a second
             return None
         for at in candidate.named:
             value = values[first + at]
@@ -254,7 +263,7 @@ def gains(model: Motors) -> GateCheck:
 
     def gains(candidate: Candidate, state: GateState) -> Refused | None:
         values = candidate.values
-        if values[KP * count :] == state.target[KP * count :]:  # most often: it was let pass before
+        if values[KP * count :] == state.target[KP * count :]:  # the usual case: accepted before
             return None
         for row, name, most in rows:
             first = count * row
@@ -269,9 +278,11 @@ def gains(model: Motors) -> GateCheck:
 
 
 def steps(model: Motors, control_s: float) -> GateCheck:
-    """Refuse a step from the last target that is more than the joint turns in one period of the
-    stream; a command on its own is one period of the control loop: a far target is a blow. The
-    first one starts from where the joint is."""
+    """Refuse a step from the last target that is longer than the joint turns in one period of the stream.
+
+    A single command counts as one period of the control loop, because a far target is a blow. The first
+    command steps from the measured position.
+    """
     count = len(model.joints)
     from_target = too_fast(
         _table(model),
@@ -281,7 +292,7 @@ def steps(model: Motors, control_s: float) -> GateCheck:
     )
 
     def steps(candidate: Candidate, state: GateState) -> Refused | None:
-        if len(state.target) == count:  # nothing was accepted since it was armed
+        if len(state.target) == count:  # Nothing was accepted since it was armed.
             state = replace(state, target=state.observation.position)
         return from_target(candidate, state)
 

@@ -1,4 +1,4 @@
-"""This host's network interfaces, by their names."""
+"""The network interfaces of this host, by name."""
 
 from __future__ import annotations
 
@@ -11,11 +11,10 @@ from typing import Annotated
 from strands_actors.contract.options import option
 
 _GET_ADDRESS = 0x8915 if sys.platform.startswith("linux") else 0xC0206921
-"""SIOCGIFADDR: of Linux; of macOS and the BSDs."""
+"""SIOCGIFADDR: on Linux, otherwise on macOS and the BSDs."""
 _REQUEST = struct.Struct("16s16s")
 _ADDRESS = slice(20, 24)
-"""Of the answer: a name of 16 bytes, then a socket address with two bytes of family and two of
-port."""
+"""Place of the address in the answer, after a name of 16 bytes, two bytes of family and two of port."""
 
 
 NetworkInterface = Annotated[
@@ -26,16 +25,19 @@ NetworkInterface = Annotated[
         pattern=r"^[A-Za-z0-9_.:@-]{0,15}\Z",
     ),
 ]
-"""The option itself, of every driver whose robot is found on a network."""
+"""The option of every driver that finds its robot on a network."""
 
 
 def address_of(interface: str) -> str:
-    """Return the IPv4 address of an interface; an address is returned as it is. Raise
-    ``ValueError`` with the interfaces that there are."""
+    """Return the IPv4 address of an interface. An address is returned unchanged.
+
+    Raises:
+        ValueError: There is no such interface. The text lists those that exist.
+    """
     try:
         return socket.inet_ntoa(socket.inet_pton(socket.AF_INET, interface))
     except OSError:
-        pass  # a name
+        pass  # It is a name.
     known = ", ".join(name for _, name in socket.if_nameindex())
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sock:
         try:

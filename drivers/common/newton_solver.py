@@ -1,12 +1,12 @@
-"""Physics by Newton's MuJoCo solver, which runs on Warp: on a graphics card where there is one, else
-on the processor. Twins with ``backend="newton"`` only; the extra ``[newton]`` brings it.
+"""Physics by Newton's MuJoCo solver, which runs on Warp: on a graphics card if there is one, otherwise on
+the processor. Only for twins with ``backend="newton"``, with the extra ``[newton]``.
 
-The model and its state stay MuJoCo's: everything that looks at a body, or changes what is around it,
-is the same for both. For a step what changed goes to Warp, and what moved comes back. It is compiled
-for a processor once, in about a minute, and kept in Warp's cache.
+The model and its state stay MuJoCo's. So code that looks at a body, or changes its surroundings, is the
+same for both. For each step the changes go to Warp, and the motion comes back. Warp compiles the solver
+once per kind of processor, in about a minute, and keeps it in its cache.
 
-What a robot of ours has and Warp's solver does not: a servo with a limit on its speed (MuJoCo's
-``pid`` with ``slewmax``). Its target is moved on here, before each step, as that does.
+Warp's solver has no servo with a limit on its speed (MuJoCo's ``pid`` with ``slewmax``), which our robots
+have. So this module moves the target of such a servo before each step, as MuJoCo does.
 """
 
 from __future__ import annotations
@@ -21,16 +21,20 @@ from .lean_mujoco import mujoco
 from .paced_solver import Paced, without_dynamics
 
 CONTACTS, CONSTRAINTS = 128, 512
-"""Room for what may touch later: it is fixed when a model is taken."""
+"""Room for contacts and constraints that may occur later. It is fixed when a model is taken."""
 
 _BY_MODEL = ("actuator_gainprm", "actuator_biasprm", "actuator_forcerange", "eq_data")
-"""What bodies of ours change in a model while it runs."""
+"""Fields of a model that our bodies change while it runs."""
 _BY_STATE = ("qpos", "qvel", "eq_active", "qfrc_applied", "xfrc_applied", "qacc_warmstart")
 
 
 class NewtonSolver(Paced):
-    """Steps one model. Raise ``ImportError`` when Newton is not there, ``ValueError`` for a model
-    that it does not take."""
+    """Steps one model.
+
+    Raises:
+        ImportError: Newton is not installed.
+        ValueError: Newton's solver does not take this model.
+    """
 
     def __init__(self, spec: Any, model: Any, data: Any) -> None:
         super().__init__()
@@ -39,7 +43,7 @@ class NewtonSolver(Paced):
 
         warp.config.quiet = True
         with warnings.catch_warnings():
-            # Newton 1.8 was released beside MuJoCo 3.17, and says so; the suite holds it against 4.0
+            # Newton 1.8 was released beside MuJoCo 3.17, and warns otherwise. The suite tests it with 4.0.
             warnings.simplefilter("ignore")
             _, self._warp_mujoco = newton.solvers.SolverMuJoCo.import_mujoco()
         pid = np.asarray(model.actuator_dyntype) == mujoco.mjtDyn.mjDYN_PID
@@ -48,7 +52,7 @@ class NewtonSolver(Paced):
         self._slew = model.actuator_dynprm[self._limited, 1].copy()  # units a second
         self._state = [int(model.actuator_actadr[servo]) for servo in self._limited]
         theirs = without_dynamics(spec, self._exchanged).compile()
-        self._ctrl = [int(at) for at in model.actuator_ctrladr]  # a pid has two inputs, a target and a speed
+        self._ctrl = [int(at) for at in model.actuator_ctrladr]  # A pid has two inputs, a target and a speed.
         started = mujoco.MjData(theirs)
         mujoco.mj_forward(theirs, started)
         try:
@@ -57,7 +61,7 @@ class NewtonSolver(Paced):
             raise ValueError(f"Newton's solver does not take this model: {error}") from None
         self._moving = self._warp_mujoco.put_data(theirs, started, nconmax=CONTACTS, njmax=CONSTRAINTS)
         self._sent: dict[str, Any] = {}
-        self._warp_mujoco.step(self._theirs, self._moving)  # compiles, unless that was done before
+        self._warp_mujoco.step(self._theirs, self._moving)  # This compiles, unless the cache has it.
 
     def step(self, model: Any, data: Any, steps: int) -> None:
         self._send(model, data)
@@ -76,7 +80,7 @@ class NewtonSolver(Paced):
         data.qpos[:], data.qvel[:] = moving.qpos.numpy()[0], moving.qvel.numpy()[0]
         data.qacc_warmstart[:] = moving.qacc_warmstart.numpy()[0]
         data.time += steps * step_s
-        mujoco.mj_forward(model, data)  # what is felt: forces, sensors, where each body is
+        mujoco.mj_forward(model, data)  # computes forces, sensors and the place of each body
         self._took(steps, began_s)
 
     def _send(self, model: Any, data: Any) -> None:
@@ -91,6 +95,6 @@ class NewtonSolver(Paced):
 
 
 def _assign(array: Any, values: Any) -> None:
-    """Of the one world there is."""
+    """Set an array of the only world."""
     if array.size:
         array.assign(np.ascontiguousarray(values)[np.newaxis])

@@ -1,4 +1,4 @@
-"""What became of making a robot safe that answers for itself as a whole."""
+"""The result of a stop that a robot confirms for all axes at once."""
 
 from __future__ import annotations
 
@@ -10,7 +10,13 @@ from strands_actors.contract.wire import MotorReport
 
 
 class Outcome(NamedTuple):
-    """``detail``: why it is not known to be safe; empty when it is."""
+    """The result of a stop for the whole robot.
+
+    Attributes:
+        written: The safe frame has left.
+        acknowledged: The robot has answered.
+        detail: Why the robot is not known to be safe; empty if it is.
+    """
 
     written: bool
     acknowledged: bool
@@ -19,14 +25,19 @@ class Outcome(NamedTuple):
     def reports(
         self, axes: Sequence[str], ids: Sequence[int] = (), targets: Sequence[float | None] = ()
     ) -> tuple[MotorReport, ...]:
-        """Return one report an axis, all alike. ``ids``: 1, 2, 3 ... unless given. ``targets``: where
-        each was told to stay."""
+        """Return one report per axis, all with the same result.
+
+        Args:
+            axes: Keys of the axes.
+            ids: Number of each motor. The default is 1, 2, 3 and so on.
+            targets: Position at which each axis holds. The default is None for each.
+        """
         written, acknowledged, detail = self
         numbers = ids or range(1, len(axes) + 1)
-        told = targets or (None,) * len(axes)
+        held = targets or (None,) * len(axes)
         return tuple(
             MotorReport(axis, number, written, acknowledged, not detail, detail, target)
-            for axis, number, target in zip(axes, numbers, told, strict=True)
+            for axis, number, target in zip(axes, numbers, held, strict=True)
         )
 
 
@@ -34,5 +45,5 @@ NOT_CONNECTED = Outcome(False, False, "not connected")
 
 
 def names_of(axes: Sequence[Axis]) -> tuple[tuple[str, ...], tuple[int, ...]]:
-    """Return keys and ids, as ``Outcome.reports`` takes them."""
+    """Return the keys and the ids of the axes, as ``Outcome.reports`` takes them."""
     return tuple(axis.key for axis in axes), tuple(axis.id for axis in axes)

@@ -1,5 +1,5 @@
-"""What solvers beside MuJoCo share: they may be slower than the time that they simulate, and know no
-servo with a state of its own. Twins only."""
+"""The common part of the solvers besides MuJoCo. They may run slower than the time that they simulate, and
+have no servo with a state. Only for twins."""
 
 from __future__ import annotations
 
@@ -12,21 +12,21 @@ import numpy as np
 from .lean_mujoco import mujoco
 
 BUDGET_S = 0.1
-"""Of computing at a time: a simulation that is slower than the time it simulates runs late, and
-stays answerable."""
+"""Longest time of computing in one call. A simulation that is slower than its time runs late, but still
+answers."""
 
 _FEW = 5
 
 
 class Paced:
-    """One that may be slower than the time it simulates."""
+    """A solver that may be slower than the time it simulates."""
 
     def __init__(self) -> None:
         self._steps_per_s = float(_FEW) / BUDGET_S
 
     @property
     def at_most(self) -> int:
-        """Steps that are worth asking for at once."""
+        """The number of steps that fit into ``BUDGET_S``."""
         return max(1, int(self._steps_per_s * BUDGET_S))
 
     def _took(self, steps: int, began_s: float) -> None:
@@ -34,7 +34,8 @@ class Paced:
 
 
 def without_dynamics(spec: Any, servos: Iterable[int]) -> Any:
-    """Return a copy of the spec, these servos plain ones: without a state and its limit of speed."""
+    """Return a copy of the spec in which these servos are plain ones, without a state and a limit of
+    speed."""
     plain = spec.copy()
     for servo in (plain.actuators[int(at)] for at in servos):
         servo.dyntype = mujoco.mjtDyn.mjDYN_NONE

@@ -1,4 +1,4 @@
-"""The body of an arm: a MuJoCo model whose joints are driven by position servos. Twins only."""
+"""The body of an arm: a MuJoCo model with a position servo for each joint. Only for twins."""
 
 from __future__ import annotations
 
@@ -14,12 +14,22 @@ from .simulation_control.body import Hand
 
 
 class Plant(Jointed):
-    """A servo follows its target with the joint's effort and, in a model of rows, the joint's speed
-    at most. With torque off it has no gain at all, so that gravity has the arm. At first torque is
-    off and joints are at ``home_rad`` (default: zero), or at the end of their range nearest to it.
+    """An arm on position servos.
 
-    A joint has one hand on it. The wire's (``set_torque``, ``set_target``) takes it whenever it is
-    energised there, and the simulation's (``take``, ``aim``) only what the wire does not hold.
+    A servo follows its target with at most the joint's effort and, in a model of rows, the joint's speed.
+    With torque off it has no gain, and gravity moves the arm. At first torque is off, and the joints are
+    at ``home_rad`` or at the nearest end of their range.
+
+    At most one side holds a joint. The wire (``set_torque``, ``set_target``) takes a joint whenever it is
+    energised on the wire. The simulation (``take``, ``aim``) gets only joints that the wire does not hold.
+
+    Args:
+        spec: The ``MjSpec``.
+        joints: Names of the joints, in the order of the indices.
+        bandwidth_rad_s: Bandwidth of a servo without its own gains, in rad/s.
+        home_rad: Position of each joint at first, in radians. The default is zero.
+        gains: Stiffness and damping of each servo. Stiffness 0 uses the bandwidth.
+        home_qpos: State of the whole model at first, with free bodies and passive joints.
     """
 
     def __init__(
@@ -31,8 +41,6 @@ class Plant(Jointed):
         gains: Sequence[tuple[float, float]] = (),
         home_qpos: Sequence[float] = (),
     ) -> None:
-        """``gains``: stiffness and damping of each servo; stiffness 0: as the bandwidth has it.
-        ``home_qpos``: where all of the model begins, free bodies and passive joints included."""
         super().__init__(spec, joints, solimp=[0.999, 0.9999, 0.001, 0.5, 2.0])
         self._kp = self.model.dof_M0[self._dof] * bandwidth_rad_s**2
         self._kv = self.model.dof_M0[self._dof] * bandwidth_rad_s * 2  # critically damped
@@ -47,7 +55,7 @@ class Plant(Jointed):
 
     @classmethod
     def from_table(cls, table: Mapping[str, Any]) -> Plant:
-        """Return the plant of one robot's table in ``robots.toml``."""
+        """Return the plant of a robot's table in ``robots.toml``."""
         joints = [joint["key"] for joint in table["joints"]]
         return cls(build(table), joints, float(table["bandwidth"]), table.get("home_rad", ()))
 
@@ -55,14 +63,14 @@ class Plant(Jointed):
         super()._bind()
         model = self.model
         self._control = [int(model.actuator_ctrladr[servo]) for servo in self._actuator]
-        self._state = [int(model.actuator_actadr[servo]) for servo in self._actuator]  # -1: not rate-limited
+        self._state = [int(model.actuator_actadr[servo]) for servo in self._actuator]  # -1: no limit of speed
         self._effort_nm = [float(model.actuator_forcerange[servo, 1]) for servo in self._actuator]
 
     def begin_anew(self) -> None:
         self.go_home()
 
     def go_home(self) -> None:
-        """Everything as at first; time begins anew."""
+        """Set everything back to the start. Time starts at 0 again."""
         self._rewind()
         if self._home_rad:
             self.data.qpos[self._qpos] = self._home_rad
@@ -77,7 +85,7 @@ class Plant(Jointed):
         mujoco.mj_forward(self.model, self.data)
 
     def _place_free_bodies(self, position: Any, turn: Any) -> None:
-        """Put the free bodies of ``home_qpos`` where the robot was put."""
+        """Put the free bodies of ``home_qpos`` at the place of the robot."""
         model, qpos = self.model, self.data.qpos
         for at in model.jnt_qposadr[model.jnt_type == mujoco.mjtJoint.mjJNT_FREE]:
             if at < len(self._home_qpos):
@@ -88,12 +96,12 @@ class Plant(Jointed):
 
     @property
     def time_s(self) -> float:
-        """Of the simulation."""
+        """Time of the simulation."""
         return float(self.data.time)
 
     @property
     def effort_limit_nm(self) -> list[float]:
-        """Return what the servos can push with at most."""
+        """The largest torque of each servo, in Nm."""
         return list(self._effort_nm)
 
     def hand(self, index: int) -> Hand:
@@ -106,12 +114,14 @@ class Plant(Jointed):
         self.data.ctrl[self._control[index]] = rad
 
     def set_torque(self, index: int, on: bool) -> None:
-        """A servo that wakes up starts from where the joint is, whatever its target."""
+        """Switch a servo's torque, from the wire. A servo that is switched on starts from the joint's
+        position, whatever its target."""
         if on != (self._hand[index] is Hand.WIRE):
             self._pass_to(index, Hand.WIRE if on else Hand.NONE)
 
     def take(self, index: int, on: bool) -> None:
-        """The simulation's torque. It holds the joint where it is, with all its effort."""
+        """Switch a servo's torque, from the simulation. It holds the joint's position with all its
+        effort."""
         if self._hand[index] is Hand.WIRE or on == (self._hand[index] is Hand.SIM):
             return
         if on:
@@ -120,16 +130,16 @@ class Plant(Jointed):
         self._pass_to(index, Hand.SIM if on else Hand.NONE)
 
     def aim(self, index: int, rad: float) -> None:
-        """The simulation's target."""
+        """Set a target in radians, from the simulation."""
         if self._hand[index] is Hand.SIM:
             self.set_target(index, rad)
 
     def push(self, nm: Sequence[float]) -> None:
-        """Turn the joints with these torques, beside what their servos do."""
+        """Add these torques to those of the servos."""
         self.data.qfrc_applied[self._dof] = nm
 
     def pose_of(self, body: str, offset_m: Sequence[float]) -> tuple[float, ...]:
-        """Return where a point of a body is, with the body's axes: a 4 x 4 matrix, column by
+        """Return the place of a point of a body and the body's axes, as a 4 x 4 matrix, column by
         column."""
         rotation = self.data.body(body).xmat.reshape(3, 3)
         place = self.data.body(body).xpos + rotation @ np.asarray(offset_m)

@@ -1,4 +1,4 @@
-"""Who else has a device open: two programs on one bus garble each other's answers."""
+"""Find which other programs have a device open. Two programs on one bus garble each other's replies."""
 
 from __future__ import annotations
 
@@ -10,19 +10,21 @@ from pathlib import Path
 PROC = Path("/proc")
 _SHOWN = 60
 _BEGINS, _NAMED = "strands_actors.kernel", "strands-actors "
-"""In the command line of a tree's own processes, and at its beginning once they have their names:
-who started them is the program."""
+"""Marks of a tree's processes: a part of their command line, and its beginning once they have their
+names. The program is the process that started them."""
 
 
 def users_of(path: str) -> tuple[str, ...]:
-    """Return the other programs that have the device open, such as ``python arm.py (process
-    4242)``. Empty when there is none, and where the system does not tell (it tells of processes of
-    the same user, on Linux)."""
+    """Return the other programs that have the device open, such as ``python arm.py (process 4242)``.
+
+    Empty if there is no such program, or the system does not show it. Linux shows processes of the same
+    user; other systems show no processes.
+    """
     try:
         device = os.stat(path).st_rdev
     except OSError:
         return ()
-    own = {os.getpid(), os.getppid()}  # a wire's parent is its root, which has the descriptor from it
+    own = {os.getpid(), os.getppid()}  # The parent of a wire is its root, which has the wire's descriptor.
     found = {_program(pid) for pid in _processes() if pid not in own and _has_open(pid, device)}
     return tuple(f"{_command(pid)} (process {pid})" for pid in sorted(found - own))
 
@@ -33,7 +35,8 @@ def _processes() -> Iterator[int]:
 
 
 def _has_open(pid: int, device: int) -> bool:
-    """Not so of who is the other end of a pseudo-terminal, and keeps this one open, too."""
+    """Return True if a process has the device open, except as the other end of a pseudo-terminal. Such a
+    process keeps this end open, too."""
     found = False
     try:
         for entry in (PROC / str(pid) / "fd").iterdir():
@@ -42,12 +45,12 @@ def _has_open(pid: int, device: int) -> bool:
             if str(entry.readlink()).endswith("ptmx") and _terminal(pid, entry.name) == os.minor(device):
                 return False
     except OSError:
-        return False  # gone meanwhile, or not ours to look at
+        return False  # The process has ended, or may not be inspected.
     return found
 
 
 def _terminal(pid: int, descriptor: str) -> int | None:
-    """Return the number of the terminal that this is the other end of. Source:
+    """Return the number of the terminal to which this descriptor is the other end. Source:
     proc_pid_fdinfo(5)."""
     for line in (PROC / str(pid) / "fdinfo" / descriptor).read_text().splitlines():
         name, _, value = line.partition(":")
@@ -57,7 +60,7 @@ def _terminal(pid: int, descriptor: str) -> int | None:
 
 
 def _program(pid: int) -> int:
-    """Return who started it, when it is a process of a tree."""
+    """Return the program that started a process of a tree; any other process unchanged."""
     while _is_ours(_command_line(pid)):
         parent = _parent(pid)
         if parent <= 1:

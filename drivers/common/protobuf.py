@@ -1,9 +1,9 @@
 """Read and write the protobuf wire format, without descriptors.
 
-The few messages of a robot's wire need field numbers only: the codecs of the wires name them.
-Decoding one message takes microseconds, and no run-time descriptors, generated code or process-wide
-registry come along. Source: the encoding page of the protobuf documentation (varint, 64-bit,
-length-delimited, 32-bit).
+The few messages of a robot's wire need field numbers only, and the codec of each wire names them. Decoding
+one message takes microseconds. No run-time descriptors, generated code or process-wide registry are
+needed. Source: the encoding page of the protobuf documentation (varint, 64-bit, length-delimited,
+32-bit).
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ LENGTH: Final = 2
 FIXED32: Final = 5
 
 Value = int | bytes
-"""``int`` of a varint or fixed field (as unsigned bits), ``bytes`` of a length-delimited one."""
+"""``int`` for a varint or fixed field (as unsigned bits), ``bytes`` for a length-delimited one."""
 
 _VARINT_BYTES = 10
 """Longest varint: 64 bits, 7 at a time."""
@@ -29,7 +29,7 @@ _VARINT_BYTES = 10
 def fields(data: bytes) -> Iterator[tuple[int, int, Value]]:
     """Yield number, wire type and value of each field, in the order of ``data``.
 
-    A sub-message, a string and a packed list are all ``LENGTH``. Raise ``MalformedFrame``.
+    A sub-message, a string and a packed list are all ``LENGTH``. Raises ``MalformedFrame``.
     """
     at = 0
     while at < len(data):
@@ -53,7 +53,7 @@ def fields(data: bytes) -> Iterator[tuple[int, int, Value]]:
 
 
 def message(data: bytes) -> dict[int, list[Value]]:
-    """Return the values of each field number, in order. Raise ``MalformedFrame``."""
+    """Return the values of each field number, in order. Raises ``MalformedFrame``."""
     found: dict[int, list[Value]] = {}
     for number, _, value in fields(data):
         found.setdefault(number, []).append(value)
@@ -61,8 +61,16 @@ def message(data: bytes) -> dict[int, list[Value]]:
 
 
 def last_int(found: dict[int, list[Value]], number: int, default: int = 0) -> int:
-    """Return the last value of a varint or fixed field: of several, the last counts. Raise
-    ``MalformedFrame``."""
+    """Return a varint or fixed field. The last of several values counts.
+
+    Args:
+        found: The result of ``message``.
+        number: The number of the field.
+        default: The value if the field is missing.
+
+    Raises:
+        MalformedFrame: The field is of another type.
+    """
     value = found[number][-1] if number in found else default
     if isinstance(value, int):
         return value
@@ -70,8 +78,8 @@ def last_int(found: dict[int, list[Value]], number: int, default: int = 0) -> in
 
 
 def last_bytes(found: dict[int, list[Value]], number: int) -> bytes:
-    """Return the last value of a length-delimited field, empty when it is missing. Raise
-    ``MalformedFrame``."""
+    """Return the last value of a length-delimited field; empty if it is missing. Raises
+    ``MalformedFrame`` if the field is of another type."""
     value = found[number][-1] if number in found else b""
     if isinstance(value, bytes):
         return value
@@ -79,8 +87,8 @@ def last_bytes(found: dict[int, list[Value]], number: int) -> bytes:
 
 
 def last_float(found: dict[int, list[Value]], number: int) -> float:
-    """Return the last value of a ``float`` field, 0 when it is missing. Raise
-    ``MalformedFrame``."""
+    """Return the last value of a ``float`` field; 0 if it is missing. Raises ``MalformedFrame`` if the
+    field is of another type."""
     value = last_int(found, number)
     if value >> 32:
         raise MalformedFrame(f"protobuf: field {number} is no float")
@@ -88,19 +96,19 @@ def last_float(found: dict[int, list[Value]], number: int) -> float:
 
 
 def as_float(bits: int) -> float:
-    """Return the ``float`` of 32 bits."""
+    """Return the ``float`` with these 32 bits."""
     (value,) = struct.unpack("<f", bits.to_bytes(4, "little"))
     return float(value)
 
 
 def as_double(bits: int) -> float:
-    """Return the ``double`` of 64 bits."""
+    """Return the ``double`` with these 64 bits."""
     (value,) = struct.unpack("<d", bits.to_bytes(8, "little"))
     return float(value)
 
 
 def doubles(data: bytes, number: int) -> tuple[float, ...]:
-    """Return a repeated ``double`` field of the message ``data``, packed or not. Raise
+    """Return a repeated ``double`` field of the message ``data``, packed or not. Raises
     ``MalformedFrame``."""
     values: list[float] = []
     for found, kind, value in fields(data):
@@ -118,7 +126,7 @@ def doubles(data: bytes, number: int) -> tuple[float, ...]:
 
 
 def varints(data: bytes, number: int) -> tuple[int, ...]:
-    """Return a repeated varint field of the message ``data``, packed or not. Raise
+    """Return a repeated varint field of the message ``data``, packed or not. Raises
     ``MalformedFrame``."""
     values: list[int] = []
     for found, kind, value in fields(data):
@@ -137,7 +145,7 @@ def varints(data: bytes, number: int) -> tuple[int, ...]:
 
 
 def varint_field(number: int, value: int) -> bytes:
-    """Encode an unsigned number, or an enum's."""
+    """Encode an unsigned number, or a value of an enum."""
     return _varint(number << 3 | VARINT) + _varint(value)
 
 
@@ -159,7 +167,7 @@ def bytes_field(number: int, value: bytes) -> bytes:
 
 
 def double_fields(number: int, values: Iterable[float], packed: bool = False) -> bytes:
-    """Encode a repeated ``double``: one field each, or packed in one."""
+    """Encode a repeated ``double``, one field each, or packed in one field."""
     if packed:
         return bytes_field(number, b"".join(struct.pack("<d", value) for value in values))
     return b"".join(double_field(number, value) for value in values)

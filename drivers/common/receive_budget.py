@@ -1,9 +1,9 @@
-"""Bound what one turn takes in of what a peer sends (SAF-025).
+"""Bound what one turn reads from a peer (SAF-025).
 
-A loop that reads until nothing is left has no end while the peer sends faster than we read. So a
-turn takes a bounded number of pieces and bytes, keeps its place, and returns: the process sends its
-heartbeats, and goes on in its next turn. A peer that has more to send at the end of many turns in a
-row cannot be followed: what is read is older than it looks. Then the connection counts as lost.
+A loop that reads until nothing is left never ends while the peer sends faster than this process reads.
+So a turn takes a bounded number of pieces and bytes, keeps its place, and returns. The process then sends
+its heartbeats, and continues in its next turn. If more data waits at the end of many turns in a row, the
+data that is read is older than it looks. The connection then counts as lost.
 """
 
 from __future__ import annotations
@@ -13,16 +13,16 @@ from collections.abc import Callable, Iterator
 from strands_actors.contract.wire import WireDown
 
 PIECES = 64
-"""Datagrams, packets or reads of one turn. At 100 turns a second a robot may send 6,400."""
+"""Most datagrams, packets or reads of one turn. At 100 turns a second a robot may send 6,400."""
 SIZE = 16 * 1024
-"""Bytes of one turn. The smallest messages of our protocols have 8 bytes: 2,000 take some 5 ms."""
+"""Most bytes of one turn. The smallest messages of our protocols have 8 bytes: 2,000 take some 5 ms."""
 BUSY_TURNS = 25
-"""Turns in a row that end with more waiting. An honest backlog, of a link that was held up, is read
-by then."""
+"""Most turns in a row that may end with more data waiting. By then a normal backlog, after a link was
+held up, is read."""
 
 
 class ReceiveBudget:
-    """What one reader may take in one turn, and how long the peer has been ahead of it."""
+    """The budget of one reader per turn, and a count of the turns in which the peer was ahead."""
 
     def __init__(self, name: str, pieces: int = PIECES, size: int = SIZE, busy_turns: int = BUSY_TURNS) -> None:
         """Make the budget of one connection.
@@ -40,7 +40,10 @@ class ReceiveBudget:
         self._busy = 0
 
     def turn(self, read_waiting: Callable[[], bytes | None]) -> Iterator[bytes]:
-        """Yield what has arrived, as much as one turn may take.
+        """Yield the data that has arrived, as much as one turn may take.
+
+        Args:
+            read_waiting: Return the next piece, or None if there is no piece. Never waits.
 
         Raises:
             WireDown: The peer was ahead in too many turns. All that was read has been yielded.
@@ -62,7 +65,7 @@ class ReceiveBudget:
         self._busy = 0
 
     def fell_behind(self) -> None:
-        """Note that more was waiting at the end of a turn. Raise ``WireDown`` as ``turn``."""
+        """Note that more was waiting at the end of a turn. Raise ``WireDown`` as ``turn`` does."""
         self._busy += 1
         if self._busy > self._busy_turns:
             raise WireDown(

@@ -1,4 +1,4 @@
-"""Refusals of motors, on every wire that has them."""
+"""Refusals that are common to all wires with motors."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ CLEAR_IT = "clear the cause, then try again"
 
 
 class MotorCode(RefusalCode):
-    """See ``docs/refusals.md``."""
+    """The codes of these refusals. See ``docs/refusals.md``."""
 
     NO_Q = "no_q", "a joint's command has no position", "give q in radians"
     TOO_STRONG = "too_strong", "a torque is past its limit", "stay within the limit that is named"

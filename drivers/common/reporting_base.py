@@ -1,8 +1,8 @@
-"""Bases that report their speed on the connection on which they are told to stop.
+"""Bases that report their speed on the connection that also carries the stop.
 
-Zero is repeated until the base is seen to stand. What it reports counts only once it has taken a
-zero, and from the second report on: the first may have been on its way. Answers may be slow; zeros
-do not wait for them.
+Zero is repeated until the base reports that it stands. A report counts only after the base has taken a
+zero, and only from the second one on, because the first may have left before. Zeros do not wait for
+slow answers.
 """
 
 from __future__ import annotations
@@ -17,17 +17,17 @@ from strands_actors.contract.wire import WireDown
 from .outcome import Outcome
 
 TIMES = 3
-"""Zeros at least: a service may drop one when its own queue is full."""
+"""Least number of zeros, since a service may drop one when its own queue is full."""
 
 AGAIN_S = 0.05
-"""Between two zeros."""
+"""Pause between two zeros."""
 
 LOOK_S = 0.01
-"""How often is looked whether there is a connection to hear on."""
+"""Period of the check for an open connection."""
 
 
 class Report(NamedTuple):
-    """What a base tells of itself."""
+    """The report of a base about its motion."""
 
     stamp_ns: int  # the base's clock
     stands: bool
@@ -35,33 +35,36 @@ class Report(NamedTuple):
 
 
 class ReportingBase(Protocol):
-    """Everything raises ``WireDown`` where the base cannot be reached."""
+    """A base as a stop sees it. Every call raises ``WireDown`` if the base cannot be reached."""
 
     @property
     def is_open(self) -> bool:
-        """Return whether a zero can be written whose answer may come."""
+        """True if a zero can be written and may be answered."""
         ...
 
     async def connect(self) -> None:
-        """Connect, if it is not open. Nothing is asked first, and no answer is waited for."""
+        """Connect if the connection is not open. Neither ask anything first nor wait for an answer."""
         ...
 
     def zero(self) -> None:
-        """Tell it to stop, now, on whatever can be written, whatever has come on it."""
+        """Write a stop now, on any connection that can be written, even after something unreadable was
+        received on it."""
         ...
 
     async def taken(self, within_s: float) -> None:
-        """Return when it has taken what was written before the call."""
+        """Return when the base has taken everything that was written before the call."""
         ...
 
     async def next_report(self, within_s: float) -> Report:
-        """Return what it reports next."""
+        """Return the next report."""
         ...
 
 
 async def stop_until_it_stands(base: ReportingBase, within_s: float) -> Outcome:
-    """Send zero, again and again, at least ``TIMES``, until the base is seen to stand. Never
-    raises. Where something can be written, the first zero leaves before the first wait."""
+    """Send at least ``TIMES`` zeros, until the base reports that it stands.
+
+    Never raises. If something can be written, the first zero leaves before the first wait.
+    """
     stop = _Stop(base)
     stop.send()
     with trio.move_on_after(within_s):
@@ -73,8 +76,10 @@ async def stop_until_it_stands(base: ReportingBase, within_s: float) -> Outcome:
 
 
 async def stop_by_each(bases: Sequence[ReportingBase], within_s: float) -> Outcome:
-    """Stop one base by several links at once, until it is seen to stand on one of them. Never
-    raises. On each that can be written the first zero leaves before the first wait."""
+    """Stop one base over several links at once, until it reports on one of them that it stands.
+
+    Never raises. On each link that can be written, the first zero leaves before the first wait.
+    """
     outcomes: list[Outcome] = []
 
     async def stop(base: ReportingBase, scope: trio.CancelScope) -> None:
@@ -95,7 +100,7 @@ class _Stop:
         self.sent = 0
         self.acknowledged = False
         self.detail = "not confirmed: it has not answered"
-        self._since_ns: int | None = None  # of the first report after that
+        self._since_ns: int | None = None  # stamp of the first report after the acknowledgement
 
     def send(self) -> None:
         try:
@@ -105,7 +110,7 @@ class _Stop:
             self.detail = f"not confirmed: {down}"
 
     async def repeat(self) -> None:
-        """Send zero until cancelled; on a new connection where there is none."""
+        """Send zero until cancelled. Connect again if there is no connection."""
         pause_s = AGAIN_S if self._base.is_open else 0.0
         while True:
             await trio.sleep(pause_s)
@@ -118,7 +123,7 @@ class _Stop:
                 self.send()
 
     async def confirm(self, within_s: float) -> None:
-        """Return when the base is seen to stand."""
+        """Return when the base reports that it stands."""
         while self.detail or self.sent < TIMES:
             if not self.sent or not self._base.is_open:
                 await trio.sleep(LOOK_S)
@@ -134,12 +139,12 @@ class _Stop:
             await self._base.taken(within_s)
             self.acknowledged = True
             self.detail = "not confirmed: it has reported nothing since"
-        told = await self._base.next_report(within_s)
+        report = await self._base.next_report(within_s)
         if self._since_ns is None:
-            self._since_ns = told.stamp_ns
-        elif told.stamp_ns <= self._since_ns:
+            self._since_ns = report.stamp_ns
+        elif report.stamp_ns <= self._since_ns:
             self.detail = "not confirmed: what it reports is old"
-        elif not told.stands:
-            self.detail = f"not confirmed: it reports speed {told.speed}"
+        elif not report.stands:
+            self.detail = f"not confirmed: it reports speed {report.speed}"
         else:
             self.detail = ""

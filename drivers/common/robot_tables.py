@@ -1,4 +1,4 @@
-"""The robots of a wire, as data: the ``robots.toml`` beside its driver."""
+"""The robots of a wire as data: the ``robots.toml`` beside its driver."""
 
 from __future__ import annotations
 
@@ -9,10 +9,17 @@ from typing import Any
 
 
 class RobotTables:
-    """``package``: where the file is; ``wire``: its name for people."""
+    """The tables of all robots of a wire, or of all its leader arms."""
 
     def __init__(self, package: str, wire: str, followers: RobotTables | None = None) -> None:
-        """``followers``: these are their leaders, ``leaders.toml``."""
+        """Read the file.
+
+        Args:
+            package: The package that holds the file.
+            wire: The name of the wire for people.
+            followers: The tables of the followers, to read the leaders from ``leaders.toml``. The
+                default reads ``robots.toml``.
+        """
         self._wire = wire
         file = "robots.toml" if followers is None else "leaders.toml"
         tables: Mapping[str, Mapping[str, Any]] = tomllib.loads(
@@ -26,23 +33,30 @@ class RobotTables:
         self.aliases: Mapping[str, str] = {
             alias: name for name, table in self.robots.items() for alias in table.get("aliases", ())
         }
-        """Other names a robot answers to -> its name."""
+        """Each other name of a robot, with the name of its table."""
 
     def canonical(self, robot: str) -> str:
-        """Return the name of ``robot``'s table. Raise ``ValueError`` for a robot that is not of
-        this wire."""
+        """Return the name of the robot's table.
+
+        Raises:
+            ValueError: The robot is not of this wire.
+        """
         name = self.aliases.get(robot, robot)
         if name not in self.robots:
             raise ValueError(f"{robot} is not a {self._wire} robot. Use one of {', '.join(self.robots)}")
         return name
 
     def table(self, robot: str) -> Mapping[str, Any]:
-        """By name or alias. Raise ``ValueError``."""
+        """Return the table of a robot, by name or alias.
+
+        Raises:
+            ValueError: The robot is not of this wire.
+        """
         return self.robots[self.canonical(robot)]
 
 
 def _leader(table: Mapping[str, Any], follower: Mapping[str, Any]) -> dict[str, Any]:
-    """Return a leader as its follower is, but for what its own table says: of the robot, and under
-    ``every_joint`` of all its joints."""
+    """Return a leader's table: that of its follower, changed by its own entries. Its ``every_joint`` changes
+    all joints."""
     joints = [{**joint, **table.get("every_joint", {})} for joint in follower["joints"]]
     return {**follower, "aliases": (), **table, "joints": joints}

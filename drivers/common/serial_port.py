@@ -1,7 +1,7 @@
-"""A serial port as bytes: writes that are complete or fail, reads that wait under trio.
+"""A serial port as bytes. A write is complete or fails; a read waits under trio.
 
-The port that opens the device owns it (an exclusive lock on the open file). A duplicate of its
-descriptor, handed to another process, is adopted: same open file, same lock, same speed.
+The port that opens the device owns it, by an exclusive lock on the open file. Another process can
+adopt a duplicate of the descriptor: it has the same open file, the same lock and the same speed.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ import select
 import termios
 from typing import Protocol
 
-import serial  # here: a root whose port was unplugged opens it anew, and a stop imports nothing
+import serial  # Imported here, because a root with an unplugged port opens it again, and a stop imports nothing.
 import trio
 
 from strands_actors.contract.wire import WireDown
@@ -26,31 +26,31 @@ _READ_SIZE = 4096
 
 
 class BytePort(Protocol):
-    """What a bus needs of its port. Everything raises ``WireDown`` once the port is gone."""
+    """The port that a bus needs. Every call raises ``WireDown`` once the port is gone."""
 
     def write(self, data: bytes) -> None:
-        """Hand over all of ``data`` at once, or raise: a frame that waits is a frame that leaves
-        late."""
+        """Hand over all of ``data`` at once, or raise. Nothing is kept for later, since that frame would
+        leave late."""
         ...
 
     async def read(self) -> bytes:
-        """At least one byte, as soon as there is one."""
+        """Return at least one byte, as soon as there is one."""
         ...
 
     def take(self) -> bytes:
-        """Return what was received and not yet read, without waiting."""
+        """Return the bytes that were received and not read yet. Never waits."""
         ...
 
     def discard_input(self) -> None:
-        """Forget what was received and not yet read."""
+        """Drop the bytes that were received and not read yet."""
         ...
 
     def discard_output(self) -> None:
-        """Forget what was written and has not left yet. May cut a frame in two."""
+        """Drop the bytes that were written and have not left yet. This may cut a frame in two."""
         ...
 
     async def hung_up(self) -> None:
-        """Return once the device is gone. Takes nothing of what it says."""
+        """Return once the device is gone. No received byte is consumed."""
         ...
 
     def fileno(self) -> int: ...
@@ -59,7 +59,13 @@ class BytePort(Protocol):
 
 
 class SerialPort:
-    """A ``BytePort`` over the descriptor of an open terminal device. Closes it."""
+    """A ``BytePort`` over the descriptor of an open terminal device. It owns the descriptor.
+
+    Args:
+        fd: The descriptor, not blocking.
+        name: The name of the port for messages.
+        owner: True if this process has opened the device. ``close`` then releases the lock.
+    """
 
     def __init__(self, fd: int, name: str, owner: bool) -> None:
         self._fd = fd
@@ -108,12 +114,12 @@ class SerialPort:
 
     async def hung_up(self) -> None:
         if not hasattr(select, "epoll"):
-            await trio.sleep_forever()  # where it cannot be told from data
+            await trio.sleep_forever()  # Without epoll a hang-up looks like data.
         with select.epoll() as poll:
             try:
-                poll.register(self._fd, 0)  # a hang-up is told unasked
+                poll.register(self._fd, 0)  # epoll always reports a hang-up.
             except PermissionError:
-                await trio.sleep_forever()  # a plain file, as tests have: it never hangs up
+                await trio.sleep_forever()  # A plain file, as in tests, never hangs up.
             await trio.lowlevel.wait_readable(poll.fileno())
 
     def fileno(self) -> int:
@@ -123,8 +129,8 @@ class SerialPort:
         if self._fd < 0:
             return
         if self._owner:
-            # a duplicate in another process would keep the lock, and us from opening the device
-            # again
+            # A duplicate in another process would keep the lock, and this process could not open the
+            # device again.
             with contextlib.suppress(OSError):
                 fcntl.flock(self._fd, fcntl.LOCK_UN)
         os.close(self._fd)
@@ -144,7 +150,15 @@ class SerialPort:
 
 
 def open_serial(path: str, baud: int) -> SerialPort:
-    """Open ``path`` raw, 8N1, locked against a second master. Raise ``WireDown``."""
+    """Open a device raw, 8N1, with an exclusive lock.
+
+    Args:
+        path: The path of the device.
+        baud: Bits per second.
+
+    Raises:
+        WireDown: It cannot be opened, or another program has it.
+    """
     try:
         device = serial.Serial(path, baud, timeout=0, write_timeout=0, exclusive=True)
     except (serial.SerialException, OSError, ValueError) as error:
@@ -153,7 +167,7 @@ def open_serial(path: str, baud: int) -> SerialPort:
             raise WireDown(in_use(path, users_of(path))) from None
         raise WireDown(f"{path}: cannot open at {baud} baud ({error}). Check port= and who else has it") from None
     try:
-        fd = os.dup(device.fileno())  # the lock belongs to the open file: it lives on in the duplicate
+        fd = os.dup(device.fileno())  # The lock belongs to the open file, so the duplicate keeps it.
     finally:
         device.close()
     port = SerialPort(fd, path, owner=True)
@@ -166,18 +180,19 @@ def open_serial(path: str, baud: int) -> SerialPort:
 
 
 def in_use(path: str, users: tuple[str, ...]) -> str:
-    """For people; ``users``: as far as they are known."""
+    """Return the message for a port in use. ``users`` are the programs that could be found."""
     by = f" by {', '.join(users)}" if users else ""
     return f"{path}: in use{by}. End that first, or give another port="
 
 
 def adopt_serial(fd: int, name: str = "serial port") -> SerialPort:
-    """Take over an open descriptor, already configured by whoever opened the device."""
+    """Adopt a descriptor that the opener of the device has already configured."""
     return SerialPort(fd, name, owner=False)
 
 
 def _wait_for_bytes(fd: int) -> None:
-    """With VMIN 0, as pyserial leaves it, "no data" and "unplugged" both read as b""."""
+    """Make a read block the task until a byte comes. With VMIN 0, which pyserial sets, "no data" and
+    "unplugged" both read as b""."""
     os.set_blocking(fd, False)
     attributes = termios.tcgetattr(fd)
     attributes[6][termios.VMIN] = 1

@@ -1,4 +1,4 @@
-"""A wire of which everything that exists between ``open`` and ``close`` is one object, its session."""
+"""A wire that keeps everything between ``open`` and ``close`` in one object, its session."""
 
 from __future__ import annotations
 
@@ -10,19 +10,23 @@ SessionT = TypeVar("SessionT")
 
 
 class SessionWire(Wire, Generic[SessionT]):
+    """A ``Wire`` with a session. A subclass sets ``session_or_none`` in ``open`` and clears it in
+    ``close``."""
+
     session_or_none: SessionT | None = None
-    """None: not open."""
+    """The session; None if the wire is not open."""
 
     @property
     def session(self) -> SessionT:
-        """Raise ``WireDown`` when the wire is not open."""
+        """The session. Raises ``WireDown`` if the wire is not open."""
         if self.session_or_none is None:
             raise WireDown("wire: not connected. Open it first")
         return self.session_or_none
 
 
 class PromptSessionWire(SessionWire[SessionT]):
-    """Of datagrams: while it is open, ``read`` takes what has arrived and ``write`` waits for nothing."""
+    """A session of datagrams. While it is open, ``read`` takes waiting datagrams and ``write`` never
+    waits."""
 
     @property
     def prompt(self) -> bool:

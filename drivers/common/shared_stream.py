@@ -1,9 +1,9 @@
-"""One connection that several tasks read: the first that waits reads for all, and the others wait until
-it has.
+"""One connection that several tasks read. The first task that waits reads for all; the others wait until it
+has.
 
-A connection whose peer cannot be understood any more is *deaf*: nothing is read from it, and nothing
-but a stop is written to it. It is kept until it is replaced or closed, because a stop must not wait
-for another connection.
+If received data cannot be decoded, the connection is *deaf*: nothing is read from it, and only a stop is
+written to it. It is kept until it is replaced or closed, because a stop must not wait for another
+connection.
 """
 
 from __future__ import annotations
@@ -18,7 +18,11 @@ from .tcp_port import OrderlyStream
 
 
 class SharedStream:
-    """``on_close`` is called whenever the connection is closed or replaced."""
+    """A connection that can be replaced.
+
+    Args:
+        on_close: Called whenever the connection is closed or replaced.
+    """
 
     def __init__(self, on_close: Callable[[], None]) -> None:
         self._on_close = on_close
@@ -29,28 +33,28 @@ class SharedStream:
 
     @property
     def connection(self) -> OrderlyStream | None:
-        """The present one, unless it is deaf: what was asked on another is not answered any
-        more."""
+        """The present connection; None if there is no connection, or it is deaf. A request on an earlier
+        one is never answered."""
         return None if self._why_deaf else self._stream
 
     @property
     def is_connected(self) -> bool:
-        """Return whether there is a connection, a deaf one included."""
+        """True if there is a connection, even a deaf one."""
         return self._stream is not None
 
     def replace(self, stream: OrderlyStream) -> None:
-        """Use ``stream`` from now on, and close the one before."""
+        """Use ``stream`` from now on, and close the previous connection."""
         self.close()
         self._stream = stream
 
     def write(self, data: bytes) -> None:
-        """Hand over all of ``data`` at once. Raise ``WireDown``, and close, when that cannot be."""
+        """Hand over all of ``data`` at once. Raise ``WireDown`` and close if it cannot leave."""
         if self._why_deaf:
             raise WireDown(f"the connection is not understood any more ({self._why_deaf}). Reconnect")
         self.write_stop(data)
 
     def write_stop(self, data: bytes) -> None:
-        """As ``write``, on a deaf connection, too."""
+        """As ``write``, also on a deaf connection."""
         if self._stream is None:
             raise WireDown("not connected. Reconnect")
         try:
@@ -60,8 +64,13 @@ class SharedStream:
             raise
 
     async def read(self) -> bytes:
-        """Return what comes next; nothing, when another task has read it, or the connection was
-        closed meanwhile. Raise ``WireDown`` when it is lost, or there is none."""
+        """Return the next data.
+
+        It is empty if another task has read, or the connection was closed meanwhile.
+
+        Raises:
+            WireDown: The connection is lost, or there is no connection.
+        """
         stream, data = self.connection, b""
         if stream is None:
             raise WireDown("not connected. Reconnect")
@@ -77,20 +86,24 @@ class SharedStream:
                 self.close()
             raise
         finally:
-            if self._reader is reader:  # and not that of a task that reads from the next connection
+            if self._reader is reader:  # Another task may read from the next connection already.
                 self._reader = None
             self._wake()
         return data if self._stream is stream else b""
 
     def deafen(self, why: str) -> None:
-        """Read nothing any more: what came is not understood."""
+        """Stop reading, because received data cannot be decoded. ``why`` is for messages."""
         if self._stream is not None:
             self._why_deaf = why
             self._wake()
 
     def close(self, in_order: bool = False) -> None:
-        """Throw the connection away. Harmless when called again. ``in_order``: what was written on
-        it, a stop, still arrives; so it does on a deaf one."""
+        """Reset the connection. Another call does nothing.
+
+        Args:
+            in_order: Close in order instead, so that written data (a stop) still arrives. A deaf
+                connection is always closed in order.
+        """
         reader, self._reader = self._reader, None
         if reader is not None:
             reader.cancel()

@@ -1,5 +1,5 @@
-"""Who steps a model: MuJoCo itself, Newton's solver on Warp, or Isaac Sim. One for all bodies of a
-process: a twin's process is told once, before it makes its body."""
+"""Choose the solver that steps a model: MuJoCo itself, Newton's solver on Warp, or Isaac Sim. The choice
+holds for all bodies of a process. A twin's process makes it once, before it makes its body."""
 
 from __future__ import annotations
 
@@ -14,9 +14,11 @@ _chosen = ""
 
 
 class Solver(Protocol):
+    """Steps one model."""
+
     @property
     def at_most(self) -> int:
-        """Steps that are worth asking for at once, when time is to be caught up with."""
+        """Most steps that should be requested in one call to catch up with time."""
         ...
 
     def step(self, model: Any, data: Any, steps: int) -> None: ...
@@ -30,15 +32,15 @@ class MujocoSolver:
 
 
 def choose(backend: str) -> None:
-    """``newton``, ``isaac``, or anything else for MuJoCo itself."""
+    """Choose ``newton``, ``isaac``, or with any other text MuJoCo itself."""
     global _chosen
     _chosen = backend
 
 
 def new_solver(spec: Any, model: Any, data: Any) -> Solver:
-    """For a model that has just been compiled from its spec."""
+    """Return the solver for a model that was just compiled from its spec."""
     if _chosen == NEWTON:
-        from .newton_solver import NewtonSolver  # with Warp, for who chose it
+        from .newton_solver import NewtonSolver  # imports Warp, so only if it was chosen
 
         return NewtonSolver(spec, model, data)
     if _chosen == ISAAC:

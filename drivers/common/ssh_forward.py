@@ -1,8 +1,8 @@
-"""Unix sockets of another host as paths here: the system's ``ssh -L``, as a child of this process.
+"""Forward unix sockets of another host to paths here, with the system's ``ssh -L`` as a child process.
 
-It ends with the process that has it, whatever ends that one, and with ``close``. It asks for
-nothing: a host that wants a password, or whose key nobody has accepted, is refused with what ssh
-says. No connection is shared with other sessions of the user's: those would outlive us.
+ssh ends with ``close``, and whenever this process ends for any reason. It asks the user nothing: a host
+with a password, or with an unknown key, is refused with ssh's message. It shares no connection with other
+sessions of the user, because those would outlive this process.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from .tcp_port import TcpPort
 from .unix_port import open_unix
 
 LOOK_S = 0.02
-"""How often is looked whether ssh has made its sockets."""
+"""Period of the check for ssh's sockets."""
 
 _ENTRY = "strands_actors.drivers.common.ssh_forward:main"
 _DEATH_SIGNAL = 1
@@ -36,7 +36,14 @@ _DEATH_SIGNAL = 1
 
 
 class SshForward:
-    """``remote``: paths of sockets on the host, reached through one ssh."""
+    """One ssh to a host.
+
+    Args:
+        host: The host, as ssh names it.
+        port: Its port; 0 for ssh's default.
+        remote: Paths of sockets on the host.
+        program: The ssh to run.
+    """
 
     def __init__(self, host: str, port: int, remote: Sequence[str], program: str = "ssh") -> None:
         self._host = host
@@ -47,15 +54,24 @@ class SshForward:
         self._child: ChildProcess | None = None
 
     async def open(self, remote: str, within_s: float) -> TcpPort:
-        """Connect to a socket of the host, through the ssh that runs, or a new one. Raise
-        ``WireDown``. Cancelled, or too late: ssh goes on, and the next call waits for it."""
+        """Connect to a socket of the host. ssh is started if it does not run.
+
+        If the call is cancelled or takes too long, ssh continues, and the next call waits for it.
+
+        Args:
+            remote: One of the paths.
+            within_s: Time for everything.
+
+        Raises:
+            WireDown: ssh has ended, or there is no connection in time.
+        """
         child = self._child
         if child is None or not child.alive:
             child = self._start(within_s)
         local = self._local(remote)
         with trio.move_on_after(within_s):
             while child.alive:
-                with contextlib.suppress(WireDown):  # it is not there yet, or ssh does not listen yet
+                with contextlib.suppress(WireDown):  # The socket does not exist yet, or ssh does not listen yet.
                     return await open_unix(local)
                 await trio.sleep(LOOK_S)
             raise WireDown(f"ssh {self._host}: {self._said()}. Try `ssh {self._host}` by hand")
@@ -106,7 +122,7 @@ class SshForward:
 
 
 def command(program: str, host: str, port: int, within_s: float, forwards: Sequence[tuple[str, str]]) -> list[str]:
-    """Return how ssh is called. ``forwards``: each a path here and one on the host."""
+    """Return the command line of ssh. Each of ``forwards`` is a path here and a path on the host."""
     options = [
         "BatchMode=yes",
         "ExitOnForwardFailure=yes",
@@ -130,11 +146,11 @@ def command(program: str, host: str, port: int, within_s: float, forwards: Seque
 
 
 def main(args: dict[str, Any], sock: socket.socket) -> None:
-    """In the child: become ssh, and end with the parent."""
+    """Become ssh, in the child, and end with the parent."""
     if sys.platform == "linux":
         ctypes.CDLL(None).prctl(_DEATH_SIGNAL, int(signal.SIGKILL))
         if os.getppid() != args["parent"]:
-            os._exit(1)  # it ended before that was said
+            os._exit(1)  # The parent ended before the death signal was set.
     errors = os.open(args["errors"], os.O_WRONLY | os.O_CREAT | os.O_TRUNC, 0o600)
     os.dup2(errors, 2)
     os.dup2(errors, 1)

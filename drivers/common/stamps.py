@@ -1,7 +1,7 @@
-"""When a report of a robot was last new: its stamp, by the robot's own clock, is another than before.
+"""Notes when a report of a robot was last new, by its stamp from the robot's clock.
 
-One that comes again and again with the same stamp, from a loop that is stuck, tells nothing new. One
-of a robot that has restarted, and counts from 0, does.
+A report is new if its stamp differs from the last one. A stuck loop that repeats one stamp reports
+nothing new. A robot that has restarted, and counts from 0, does.
 """
 
 from __future__ import annotations
@@ -9,16 +9,22 @@ from __future__ import annotations
 from strands_actors.kernel.clock import NS
 
 REPEATED_S = 0.2
-"""A report that was heard within this time still comes, new or not."""
+"""Reports still come, new or not, if the last one is no older than this."""
 
 
 class Stamps:
-    """``new_ns``: when the newest report came; 0: never. ``goes_on``: the stamp was seen to change,
-    on this connection. ``passed``: by how much it has gone on since the first one.
+    """The stamps of one robot's reports.
 
-    ``wrap``: where stamps begin again at 0; 0: nowhere. With it, one that is up to half of that behind
-    the newest is late, and tells nothing new either. So may one of a robot that has restarted: its new
-    connection has ``Stamps`` of its own."""
+    Attributes:
+        new_ns: When the newest report came; 0 for never.
+        goes_on: True if the stamp was seen to change on this connection.
+        passed: By how much the stamp has advanced since the first one.
+
+    Args:
+        wrap: Value at which stamps start again at 0; 0 for never. With it, a stamp that is up to half
+            of ``wrap`` behind the newest counts as late, and is not new. After a restart a robot's stamps
+            may look like that, so a new connection needs new ``Stamps``.
+    """
 
     def __init__(self, wrap: float = 0) -> None:
         self.new_ns = 0
@@ -30,11 +36,19 @@ class Stamps:
         self._is_first = True
 
     def connected(self) -> None:
-        """Begin anew: what an earlier connection told says nothing of whether this one goes on."""
+        """Begin a new connection. Reports of an earlier one do not show whether this one goes on."""
         self.goes_on, self._is_first = False, True
 
     def take(self, stamp: float, now_ns: int) -> bool:
-        """Note a report, in whatever unit its stamps are. Return whether it is new."""
+        """Note a report.
+
+        Args:
+            stamp: Its stamp, in any unit.
+            now_ns: When it came.
+
+        Returns:
+            True if it is new.
+        """
         is_new = self._is_new(stamp)
         if is_new:
             self.new_ns = now_ns
@@ -45,7 +59,7 @@ class Stamps:
         return is_new
 
     def repeats(self, now_ns: int) -> bool:
-        """Return whether reports come, and are not new."""
+        """Return True if reports come, but none of them is new."""
         return self.new_ns < self._heard_ns and now_ns - self._heard_ns <= REPEATED_S * NS
 
     def _is_new(self, stamp: float) -> bool:
@@ -54,7 +68,7 @@ class Stamps:
         return 0 < self._ahead(stamp) < self._wrap / 2
 
     def _ahead(self, stamp: float) -> float:
-        """Return by how much it is ahead of the newest."""
+        """Return how far a stamp is ahead of the newest."""
         if self._newest is None:
             return 0.0
         ahead = stamp - self._newest

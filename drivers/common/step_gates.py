@@ -1,8 +1,8 @@
-"""Gates of arms whose controller goes to each target within one control period, at once: it has no
-speed of its own that a far target could not exceed. Pure; nothing is ever clipped.
+"""Gates of arms that go to each target within one control period. Their controller has no speed limit
+that would slow the way to a far target. Pure; no value is ever clipped.
 
-All joints are looked at, named or not: the controller is sent them all. One that is not named keeps
-its target, and may still be far from it.
+All joints are checked, named or not, because the controller receives them all. A joint that is not
+named keeps its target, and may still be far from it.
 """
 
 from __future__ import annotations
@@ -21,11 +21,18 @@ _ROUNDING = 1e-9
 def refuse_step(
     axes: Sequence[Axis], candidate: Candidate, before: Sequence[float], speeds: Sequence[float], period_s: float
 ) -> Refused | None:
-    """Refuse a step from ``before`` that is more than a joint turns in ``period_s`` at its speed,
-    radians a second."""
+    """Refuse a step that is longer than a joint turns in one period.
+
+    Args:
+        axes: The axes.
+        candidate: The target.
+        before: The last target, in axis order.
+        speeds: Top speed of each joint, in rad/s.
+        period_s: The period.
+    """
     for at in _sent(axes, candidate, before):
         step, allowed = abs(candidate.values[at] - before[at]), speeds[at] * period_s
-        if not step <= allowed + _ROUNDING:  # a NaN is refused too
+        if not step <= allowed + _ROUNDING:  # This refuses a NaN too.
             shown = math.floor(allowed * 1e5) / 1e5
             return Refused(
                 Code.TOO_FAST,
@@ -40,8 +47,16 @@ def refuse_step(
 def refuse_lead(
     axes: Sequence[Axis], candidate: Candidate, state: GateState, speeds: Sequence[float], lead_s: float
 ) -> Refused | None:
-    """Refuse a target further ahead of the measured position than a joint turns in ``lead_s``:
-    small steps come quicker than it follows, or something holds it back."""
+    """Refuse a target too far ahead of the measured position. Either small steps come quicker than the
+    joint follows, or something holds the joint back.
+
+    Args:
+        axes: The axes.
+        candidate: The target.
+        state: The state of the gate.
+        speeds: Top speed of each joint, in rad/s.
+        lead_s: The limit is the distance that a joint turns in this time.
+    """
     measured = state.observation.position
     for at in _sent(axes, candidate, measured):
         lead, allowed = abs(candidate.values[at] - measured[at]), speeds[at] * lead_s
@@ -58,8 +73,8 @@ def refuse_lead(
 
 
 def _sent(axes: Sequence[Axis], candidate: Candidate, other: Sequence[float]) -> Iterator[int]:
-    """Return the joints to look at: those that are named, then the others. Of these a velocity has
-    no way to go, and of one that is not known on either side nothing can be said."""
+    """Yield the joints to check: first those that are named, then the others. Of the others, velocity axes
+    are left out, because they have no distance to go, and so are joints with an unknown value."""
     yield from candidate.named
     for at, axis in enumerate(axes):
         known = math.isfinite(candidate.values[at]) and math.isfinite(other[at])

@@ -1,10 +1,10 @@
-"""A TCP connection as bytes: writes that are complete or fail, reads that wait under trio.
+"""A TCP connection as bytes. A write is complete or fails; a read waits under trio.
 
-It is closed with a reset, by the system too when its process is killed: what has not been taken yet
-is thrown away. After an orderly close it would go on being delivered for minutes, a setpoint to a
-robot whose cable was put back. The system also gives a connection up when its peer has taken nothing
-for ``UNTAKEN_S``: where another process has a duplicate of the socket, a death does not close it
-(``tcp_stall``).
+The connection is closed with a reset, which throws away data that the peer has not taken yet. The system
+does the same when the process is killed. After an orderly close the data would be delivered for minutes:
+a setpoint would reach a robot after its cable was plugged in again. The system also gives a connection up when
+its peer has taken nothing for ``UNTAKEN_S``. If another process has a duplicate of the socket, the death
+of one process does not close it (``tcp_stall``).
 """
 
 from __future__ import annotations
@@ -24,40 +24,40 @@ from strands_actors.kernel.processes.reserve import RESERVE
 from . import tcp_stall
 
 CONNECT_S = 0.5
-"""Within a local network; the first repetition of a lost packet would come after 1 s."""
+"""Timeout of a connect within a local network. TCP repeats a lost packet only after 1 s."""
 
 UNTAKEN_S = 2.0
 """Longer than any wire here waits for its robot before it gives the link up."""
 
 READ_SIZE = 4096
-"""Bytes that one read takes."""
+"""Most bytes that one read takes."""
 
 
 class ByteStream(Protocol):
-    """What a protocol needs of its connection. Everything raises ``WireDown`` once it is gone."""
+    """The connection that a protocol needs. Every call raises ``WireDown`` once the connection is gone."""
 
     def write(self, data: bytes) -> None:
-        """Hand over all of ``data`` at once, or raise: a frame that waits is a frame that leaves
-        late."""
+        """Hand over all of ``data`` at once, or raise. Nothing is kept for later, since that frame would
+        leave late."""
         ...
 
     async def read(self) -> bytes:
-        """At least one byte, as soon as there is one."""
+        """Return at least one byte, as soon as there is one."""
         ...
 
     def close(self) -> None: ...
 
 
 class OrderlyStream(ByteStream, Protocol):
-    """A ``ByteStream`` on which a stop may be the last thing that is written."""
+    """A ``ByteStream`` on which a stop may be the last write."""
 
     def close_in_order(self) -> None:
-        """As ``close``, but what was written is still delivered."""
+        """As ``close``, but written data is still delivered."""
         ...
 
 
 class TcpPort:
-    """A ``ByteStream`` over a connected socket. Closes it."""
+    """A ``ByteStream`` over a connected socket. It owns the socket."""
 
     def __init__(self, sock: socket.socket, name: str) -> None:
         self._sock = sock
@@ -79,7 +79,8 @@ class TcpPort:
     async def read(self) -> bytes:
         while True:
             try:
-                await trio.lowlevel.wait_readable(self._sock)  # first: a peer that never stops talking yields, too
+                # Wait first, so that a peer that sends without a pause does not starve other tasks.
+                await trio.lowlevel.wait_readable(self._sock)
             except (OSError, ValueError) as error:
                 raise self._gone(error) from None
             data = self.read_waiting()
@@ -87,7 +88,11 @@ class TcpPort:
                 return data
 
     def read_waiting(self) -> bytes | None:
-        """Return bytes that are already there, else None. Never waits. Raise ``WireDown``."""
+        """Return bytes that have arrived; None if there are no bytes. Never waits.
+
+        Raises:
+            WireDown: The connection is gone.
+        """
         try:
             data = self._sock.recv(READ_SIZE)
         except BlockingIOError:
@@ -99,23 +104,28 @@ class TcpPort:
         return data
 
     def fileno(self) -> int:
-        """To be given to another process. While that has it, ``close`` does not end the
-        connection."""
+        """Return the descriptor, to pass to another process. While that process has it open, ``close``
+        does not end the connection."""
         return self._sock.fileno()
 
     def reset_if_stalled(self) -> bool:
-        """Reset the connection for every process that has it open, where it does not get rid of what
-        was written to it: nothing of that is delivered any more. For who stops a robot by another
-        connection. Return whether it was reset."""
+        """Reset the connection if its data does not get through, so that nothing is delivered later.
+
+        The reset acts for every process that has the connection open. Call it before a stop on another
+        connection.
+
+        Returns:
+            True if the connection was reset.
+        """
         if self._sock.fileno() < 0 or not tcp_stall.is_stalled(self._sock):
             return False
-        with contextlib.suppress(OSError):  # it is gone already
+        with contextlib.suppress(OSError):  # The connection is gone already.
             tcp_stall.reset(self._sock)
         return True
 
     @property
     def own_host(self) -> str:
-        """Return our address on the way to the peer. Raise ``WireDown``."""
+        """Our address on the route to the peer. Raises ``WireDown``."""
         try:
             return str(self._sock.getsockname()[0])
         except OSError as error:
@@ -123,7 +133,7 @@ class TcpPort:
 
     @property
     def peer_host(self) -> str:
-        """Return the peer's address as a number. Raise ``WireDown``."""
+        """The peer's numeric address. Raises ``WireDown``."""
         try:
             return str(self._sock.getpeername()[0])
         except OSError as error:
@@ -133,7 +143,7 @@ class TcpPort:
         self._sock.close()
 
     def close_in_order(self) -> None:
-        """As ``close``, but what has not been taken yet is still delivered: for a stop."""
+        """As ``close``, but data that the peer has not taken yet is still delivered. Meant for a stop."""
         if self._sock.fileno() >= 0:
             self._sock.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 0, 0))
             _give_up_after(self._sock, 0.0)
@@ -147,12 +157,16 @@ class TcpPort:
 
 
 class NobodyListens(WireDown):
-    """The host refuses the connection: no program has that port open."""
+    """The host refuses the connection, because no program has that port open."""
 
 
 async def open_tcp(host: str, port: int) -> TcpPort:
-    """Connect within ``CONNECT_S`` to the first of the host's addresses that takes it. Raise
-    ``WireDown``; ``NobodyListens`` where the last of them refuses."""
+    """Connect to the first of the host's addresses that accepts.
+
+    Raises:
+        WireDown: It failed within ``CONNECT_S``.
+        NobodyListens: The last address refused the connection.
+    """
     name = f"{host}:{port}"
     kind_of_end: type[WireDown] = WireDown
     why = f"no answer within {CONNECT_S:g} s"
@@ -190,8 +204,8 @@ async def _connect(sock: socket.socket, address: object) -> socket.socket:
 
 
 def _give_up_after(sock: socket.socket, seconds: float) -> None:
-    """Have the system end a connection whose peer takes nothing for so long; 0: as it usually does,
-    after minutes. Linux alone can."""
+    """Make the system end a connection whose peer takes nothing for so long. With 0 the system's own
+    timeout of minutes applies. Only Linux can do it."""
     option = getattr(socket, "TCP_USER_TIMEOUT", None)
     if option is not None and sock.family != socket.AF_UNIX:
         sock.setsockopt(socket.IPPROTO_TCP, option, round(seconds * 1e3))

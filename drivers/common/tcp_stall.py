@@ -1,10 +1,10 @@
-"""A connection that another process still has open when its writer has died.
+"""Reset a connection that another process still has open after its writer has died.
 
-A writer's socket is closed with a reset when its process is killed, and what has not left is thrown
-away. Not where a stop channel has a duplicate of the descriptor: the connection lives on, and the
-kernel repeats for minutes what the dead process wrote, behind a stop that another connection has
-carried. So whoever stops the robot resets a connection that does not get rid of its data. Linux alone
-tells, and can do it.
+When a process is killed, the system closes its socket with a reset and throws away all data that has
+not left. This fails if a stop channel has a duplicate of the descriptor: the connection lives on, and the
+kernel repeats the dead process's data for minutes. It could arrive after a stop on another connection. So
+the process that stops the robot resets a connection that does not get rid of its data. Only Linux can
+report this state, and do the reset.
 """
 
 from __future__ import annotations
@@ -17,20 +17,21 @@ import struct
 import sys
 
 STALLED_S = 0.06
-"""A peer that has acknowledged nothing for so long takes nothing: TCP acknowledges within 40 ms, and
-a network of robots is no further away than 20."""
+"""A peer that has acknowledged nothing for so long takes nothing. TCP acknowledges within 40 ms, and a
+robot's network is at most 20 ms away."""
 _SIOCOUTQ, _SIOCOUTQNSD = 0x5411, 0x894B
-"""Bytes that are not acknowledged, and those of them that were not sent. Source: tcp(7), sockios.h."""
+"""Requests for the number of bytes that are not acknowledged, and of those not sent yet. Source: tcp(7),
+sockios.h."""
 _INFO = struct.Struct("8B13I")
-"""Of tcp_info, in linux/tcp.h, as far as it is read here."""
+"""The first part of tcp_info, in linux/tcp.h."""
 _RETRANSMITS, _PROBES = 2, 3
 _UNACKED, _LAST_SENT, _LAST_ACKNOWLEDGED = 8 + 4, 8 + 9, 8 + 12
 _ADDRESS_OF_NOBODY = struct.pack("H14x", socket.AF_UNSPEC)
 
 
 def is_stalled(sock: socket.socket) -> bool:
-    """Return whether bytes that were written to a connected socket wait to be sent, or were sent and
-    are not acknowledged in time."""
+    """Return True if written bytes of a connected socket wait to be sent, or are not acknowledged in
+    time."""
     if sys.platform != "linux" or sock.family == socket.AF_UNIX:
         return False
     try:
@@ -39,7 +40,7 @@ def is_stalled(sock: socket.socket) -> bool:
         if _count(sock, _SIOCOUTQNSD):
             return True
         info = _INFO.unpack(sock.getsockopt(socket.IPPROTO_TCP, socket.TCP_INFO, _INFO.size))
-    except OSError:  # it is closed
+    except OSError:  # The socket is closed.
         return False
     if info[_RETRANSMITS] or info[_PROBES]:
         return True
@@ -48,11 +49,14 @@ def is_stalled(sock: socket.socket) -> bool:
 
 
 def reset(sock: socket.socket) -> None:
-    """Reset a connection for every process that has it open, and throw away what has not left. Raise
-    ``OSError``.
+    """Reset a connection for every process that has it open, and throw away all data that has not left.
 
-    ``connect`` to the address family of nobody does so; ``close`` does not, as long as a duplicate is
-    open. Source: connect(2), on dissolving an association."""
+    It calls ``connect`` with an address of family AF_UNSPEC. ``close`` has no effect while a duplicate
+    is open. Source: connect(2), on dissolving an association.
+
+    Raises:
+        OSError: It failed.
+    """
     libc = ctypes.CDLL(None, use_errno=True)
     if libc.connect(sock.fileno(), _ADDRESS_OF_NOBODY, len(_ADDRESS_OF_NOBODY)):
         raise OSError(ctypes.get_errno(), os.strerror(ctypes.get_errno()))

@@ -1,5 +1,5 @@
-"""TLS over a byte stream, either end: records in, plain bytes out. The stream's writes stay as they
-are: all at once, or not at all.
+"""TLS over a byte stream, for either end: records in, plain bytes out. Writes behave as on the stream
+below: all at once, or not at all.
 """
 
 from __future__ import annotations
@@ -15,46 +15,51 @@ from .tcp_port import TcpPort, open_tcp
 _CHUNK = 1 << 16
 
 MOST_SILENT_READS = 16
-"""Reads of one ``read_waiting`` that may carry nothing for us: TLS has records without content."""
+"""Most reads in one ``read_waiting`` that may carry no content, since TLS has such records."""
 
 
 class TlsRecords:
     """One end of a connection. Pure: no socket, no clock."""
 
     def __init__(self, context: ssl.SSLContext, server_hostname: str | None = None) -> None:
-        """``server_hostname``: who the peer must be; None: this is the server's end."""
+        """Make one end.
+
+        Args:
+            context: The settings of TLS.
+            server_hostname: The name that the peer must prove. None makes the server's end.
+        """
         self._heard, self._said = ssl.MemoryBIO(), ssl.MemoryBIO()
         self._tls = context.wrap_bio(
             self._heard, self._said, server_side=server_hostname is None, server_hostname=server_hostname
         )
         self.is_up = False
-        """Whether each end knows the other."""
+        """True once the handshake is complete."""
 
     def hear(self, data: bytes) -> bytes:
-        """Take in records, and return what they carry. Raise ``ssl.SSLError``."""
+        """Take in records and return their content. Raise ``ssl.SSLError``."""
         self._heard.write(data)
-        told = b""
+        content = b""
         try:
             if not self.is_up:
                 self._tls.do_handshake()
                 self.is_up = True
             while part := self._tls.read(_CHUNK):
-                told += part
+                content += part
         except ssl.SSLWantReadError:
             pass
-        return told
+        return content
 
     def say(self, data: bytes) -> None:
-        """Put bytes into records, for ``outgoing``. Raise ``ssl.SSLError``."""
+        """Put bytes into records, which ``outgoing`` returns. Raise ``ssl.SSLError``."""
         self._tls.write(data)
 
     def outgoing(self) -> bytes:
-        """Return the records that are to be sent now."""
+        """Return the records to send now."""
         return self._said.read()
 
 
 class TlsPort:
-    """A ``ByteStream`` over another. Made by ``open_tls``."""
+    """A ``ByteStream`` over another. ``open_tls`` makes it."""
 
     def __init__(self, port: TcpPort, records: TlsRecords) -> None:
         self._port = port
@@ -63,7 +68,11 @@ class TlsPort:
         self.name = port.name
 
     async def shake_hands(self) -> None:
-        """Raise ``WireDown``: the peer is not who it must be, or speaks no TLS."""
+        """Do the handshake.
+
+        Raises:
+            WireDown: The peer cannot prove its name, or speaks no TLS.
+        """
         self._hear(b"")
         while not self._records.is_up:
             self._hear(await self._port.read())
@@ -81,7 +90,11 @@ class TlsPort:
         return self._take()
 
     def read_waiting(self) -> bytes | None:
-        """Return bytes that are already there, else None. Never waits. Raise ``WireDown``."""
+        """Return bytes that have arrived; None if there are no bytes. Never waits.
+
+        Raises:
+            WireDown: The connection is gone.
+        """
         for _ in range(MOST_SILENT_READS):
             if self._told or (data := self._port.read_waiting()) is None:
                 break
@@ -92,12 +105,12 @@ class TlsPort:
         self._port.close()
 
     def close_in_order(self) -> None:
-        """As ``close``, but what was written is still delivered."""
+        """As ``close``, but written data is still delivered."""
         self._port.close_in_order()
 
     def _take(self) -> bytes:
-        told, self._told = self._told, b""
-        return told
+        data, self._told = self._told, b""
+        return data
 
     def _hear(self, data: bytes) -> None:
         try:
@@ -122,7 +135,11 @@ class TlsPort:
 async def open_tls(
     host: str, port: int, context: ssl.SSLContext, server_hostname: str, *, within_s: float
 ) -> TlsPort:
-    """Connect, and check who the peer is, within ``within_s``. Raise ``WireDown``."""
+    """Connect and verify the peer within ``within_s``.
+
+    Raises:
+        WireDown: It failed, or took longer.
+    """
     below: TcpPort | None = None
     done = False
     try:

@@ -1,10 +1,10 @@
-"""A UDP socket as datagrams: writes that leave or fail, reads that wait under trio.
+"""A UDP socket as datagrams. A write leaves or fails; a read waits under trio.
 
-``UdpPort`` talks to a peer that is known, ``UdpListener`` to one that speaks first.
+``UdpPort`` talks to a known peer, ``UdpListener`` to a peer that speaks first.
 
-A connected socket takes datagrams of its peer alone; the kernel drops those of others. A datagram
-that nobody listens for comes back as ``ECONNREFUSED`` on the next call, which is how a robot that
-was switched off is noticed before its silence is.
+A connected socket receives datagrams of its peer only; the kernel drops all others. If no program
+listens at the peer's port, the next call fails with ``ECONNREFUSED``. That shows a robot that was switched
+off sooner than its silence does.
 """
 
 from __future__ import annotations
@@ -20,12 +20,11 @@ from strands_actors.kernel.processes.reserve import RESERVE
 
 LARGEST = 65535
 MOST_STRANGERS = 64
-"""Datagrams of others that are dropped at once."""
+"""Most datagrams of other senders that one read drops."""
 
 
 class DatagramPort(Protocol):
-    """What a protocol needs of its socket. Everything raises ``WireDown`` once it cannot be
-    used."""
+    """The socket that a protocol needs. Every call raises ``WireDown`` once the socket cannot be used."""
 
     def write(self, data: bytes) -> None:
         """Send one datagram now, or raise."""
@@ -36,7 +35,7 @@ class DatagramPort(Protocol):
         ...
 
     def read_waiting(self) -> bytes | None:
-        """Return a datagram that is already there, else None. Never waits."""
+        """Return a datagram that has arrived; None if there is none. Never waits."""
         ...
 
     def fileno(self) -> int: ...
@@ -45,7 +44,7 @@ class DatagramPort(Protocol):
 
 
 class UdpPort:
-    """A ``DatagramPort`` over a connected socket. Closes it."""
+    """A ``DatagramPort`` over a connected socket. It owns the socket."""
 
     def __init__(self, sock: socket.socket, name: str) -> None:
         sock.setblocking(False)
@@ -61,7 +60,7 @@ class UdpPort:
             raise self._gone(error) from None
 
     async def read(self) -> bytes:
-        await trio.lowlevel.checkpoint()  # a flood of datagrams takes no turn from others
+        await trio.lowlevel.checkpoint()  # A flood of datagrams must not starve other tasks.
         while True:
             data = self.read_waiting()
             if data is not None:
@@ -93,8 +92,17 @@ class UdpPort:
 
 
 def open_udp(host: str, port: int, from_host: str = "", from_port: int = 0) -> UdpPort:
-    """Open a socket that talks to ``host:port`` alone; ``from_host``, ``from_port``: our own end,
-    any when empty. Raise ``WireDown``. Nothing is sent."""
+    """Open a socket that talks to ``host:port`` only. Nothing is sent.
+
+    Args:
+        host: Name or address of the peer.
+        port: Its port.
+        from_host: Our own address. The default is any.
+        from_port: Our own port. The default is any.
+
+    Raises:
+        WireDown: There is no such address, or the socket cannot be opened.
+    """
     name = f"{host}:{port}"
     try:
         family, kind, protocol, _, address = socket.getaddrinfo(host, port, type=socket.SOCK_DGRAM)[0]
@@ -113,9 +121,14 @@ def open_udp(host: str, port: int, from_host: str = "", from_port: int = 0) -> U
 
 
 class UdpListener:
-    """A ``DatagramPort`` whose peer speaks first. Closes its socket. ``host``: the peer's numeric
-    address, empty: anybody's. The socket is not connected: it can be kept when the peer is lost and
-    looked for again."""
+    """A ``DatagramPort`` whose peer speaks first. It owns its socket.
+
+    The socket is not connected, so it can be kept when the peer is lost and awaited again.
+
+    Args:
+        sock: A bound socket.
+        host: The peer's numeric address. Empty accepts any sender.
+    """
 
     def __init__(self, sock: socket.socket, host: str = "") -> None:
         sock.setblocking(False)
@@ -125,13 +138,20 @@ class UdpListener:
 
     @property
     def name(self) -> str:
-        """Return where the peer is, else where it is waited for."""
+        """The address of the peer; before there is one, our own."""
         host, port = self._peer or self._sock.getsockname()
         return f"{host}:{port}"
 
     async def meet(self, is_peer: Callable[[bytes], bool]) -> None:
-        """Wait for a peer, and hear it alone from then on. ``is_peer`` tells by a datagram whether
-        it is one. Until then the one before is written to. Raise ``WireDown``."""
+        """Wait for a peer, and receive only its datagrams from then on. Until then ``write`` sends to the
+        previous peer.
+
+        Args:
+            is_peer: Return True if a datagram comes from a valid peer.
+
+        Raises:
+            WireDown: The socket cannot be used.
+        """
         while True:
             await trio.lowlevel.checkpoint()
             received = self._receive()
@@ -152,7 +172,7 @@ class UdpListener:
             raise self._gone(error) from None
 
     async def read(self) -> bytes:
-        await trio.lowlevel.checkpoint()  # a flood of datagrams takes no turn from others
+        await trio.lowlevel.checkpoint()  # A flood of datagrams must not starve other tasks.
         while (data := self.read_waiting()) is None:
             await self._wait()
         return data
@@ -191,10 +211,15 @@ class UdpListener:
 
 
 async def listen_udp(port: int, host: str = "") -> UdpListener:
-    """Bind a socket for a peer that speaks first. Nothing is sent. Raise ``WireDown``.
+    """Bind a socket for a peer that speaks first. Nothing is sent.
 
-    ``host``: only it is heard, at our own address on the way to it; empty: anybody is, at all our
-    addresses.
+    Args:
+        port: Our port.
+        host: The only accepted sender; the socket is bound to our address on the route to it. Empty
+            accepts any sender, at all our addresses.
+
+    Raises:
+        WireDown: The socket cannot be opened, or there is no such host.
     """
     peer = here = ""
     try:

@@ -1,8 +1,7 @@
 """A unix socket as bytes: ``tcp_port.ByteStream`` to a path.
 
-What was written before it is closed is still delivered: the peer's system has taken it. So a
-command that waits in a peer that is frozen is carried out when that goes on, whoever is gone by
-then.
+Data that was written before a close is still delivered, because the peer's system has already taken it.
+So a frozen peer carries out a waiting command when it continues, even if the sender has ended.
 """
 
 from __future__ import annotations
@@ -17,14 +16,18 @@ from strands_actors.kernel.processes.reserve import RESERVE
 from .tcp_port import TcpPort
 
 CONNECT_S = 0.5
-"""A peer whose queue of connections is full keeps us waiting: it is frozen."""
+"""Timeout of a connect. A frozen peer with a full queue of connections keeps the connect waiting."""
 
 LONGEST_PATH = 100
-"""Bytes of a path to a unix socket, with room: the system's limit is 108, 104 on macOS."""
+"""Most bytes of a path to a unix socket, with a reserve. The system's limit is 108, on macOS 104."""
 
 
 async def open_unix(path: str) -> TcpPort:
-    """Connect within ``CONNECT_S``. Raise ``WireDown``."""
+    """Connect within ``CONNECT_S``.
+
+    Raises:
+        WireDown: It failed.
+    """
     if len(path.encode()) > LONGEST_PATH:
         raise WireDown(f"{path}: a unix socket's path has {LONGEST_PATH} bytes at most. Choose a shorter one")
     why = f"no answer within {CONNECT_S:g} s"
@@ -32,7 +35,7 @@ async def open_unix(path: str) -> TcpPort:
         try:
             with trio.socket.socket(trio.socket.AF_UNIX, trio.socket.SOCK_STREAM) as sock:
                 await sock.connect(path)
-                plain = socket.socket(fileno=sock.detach())  # closing has no effect on it then
+                plain = socket.socket(fileno=sock.detach())  # Closing ``sock`` does not close it now.
             plain.setblocking(False)
             return TcpPort(plain, path)
         except OSError as error:

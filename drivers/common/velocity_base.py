@@ -1,9 +1,9 @@
-"""Bases behind a service: a twist with a lifetime, zero when it ends, and zero again until the base
-says it stands.
+"""Bases behind a service: a twist has a lifetime, and a stop sends zero until the base reports that it
+stands.
 
-Such a base runs its last command until it hears another one, and an answer says that a command was
-passed on, not that the base has it. So a stop is not confirmed by its answer, but by what the base
-reports afterwards, for as long as an earlier command may still come.
+Such a base runs its last command until it receives another. The answer to a command says only that the
+service has passed it on, not that the base has received it. So the answer to a stop does not confirm
+it. Reports of the base confirm it, if they cover the time in which an earlier command may still arrive.
 """
 
 from __future__ import annotations
@@ -24,11 +24,10 @@ from .http_port import HttpPort
 from .malformed import MalformedFrame
 
 LIFETIME_S = 0.3
-"""Of a command to a base."""
+"""Lifetime of a command to a base."""
 
 ANSWER_S = 0.2
-"""How long one zero, or one look at the base, waits for its answer before the next is sent on a new
-connection."""
+"""Timeout of one zero, or of one state request. After it the next is sent on a new connection."""
 
 AGAIN_S = 0.05
 """Pause between two zeros."""
@@ -39,9 +38,12 @@ OK = 200
 def parse_twist(
     action: Mapping[str, object], robot: str, axes: Sequence[Axis], index: Mapping[str, int], state: GateState
 ) -> Candidate | Refused:
-    """Return the whole target. What moves the base rests unless it is named; but an action that
-    names nothing that moves it (a lamp) goes on with the twist that is live, for as long as that
-    was promised and no longer."""
+    """Return the whole target of an action.
+
+    An axis that moves the base goes to its rest value unless the action names it. An action that names
+    no such axis (only a lamp, for example) keeps the live twist, until the time that was promised for
+    that twist.
+    """
     parsed = parse_action(action, robot, axes, index, state.target)
     if isinstance(parsed, Refused):
         return parsed
@@ -57,60 +59,74 @@ def parse_twist(
 
 
 class Standing(NamedTuple):
-    """What a base reports of itself."""
+    """The report of a base about its motion."""
 
     stamp_s: float  # the base's clock
     speed: float
 
 
 class Zero(Protocol):
-    """How one service is told to stop, and asked whether its base does."""
+    """The requests of one service that stop its base, and that read whether it stands."""
 
     @property
     def target(self) -> str:
-        """Of the ``POST`` that stops."""
+        """Target of the ``POST`` that stops the base."""
         ...
 
     @property
     def body(self) -> bytes: ...
     @property
     def state_target(self) -> str:
-        """Of the ``GET`` that tells how the base stands."""
+        """Target of the ``GET`` that returns the state of the base."""
         ...
 
     @property
     def steady_s(self) -> float:
-        """For how long, by its own clock, a base must report speed 0 until it stands: a command
-        that left before the stop may come to it so late, and what it reports be so old. 0: one
-        report counts, where a command is there when it is answered."""
+        """For how long a base must report speed 0, in seconds by the clock of the base, before it counts as
+        standing.
+
+        It covers a command that left before the stop and arrives late, and the age of a report. With 0
+        one report is enough: the base has received each command before it is answered.
+        """
         ...
 
     def standing(self, body: bytes) -> Standing:
-        """Raise ``MalformedFrame``."""
+        """Return the report in a response.
+
+        Raises:
+            MalformedFrame: The response cannot be read.
+        """
         ...
 
 
 def nothing_pending() -> bool:
-    """Of who cannot know of earlier commands."""
+    """Return False, for a sender that cannot know of earlier commands."""
     return False
 
 
 async def stop_base(
     port: HttpPort, zero: Zero, within_s: float, pending: Callable[[], bool] = nothing_pending
 ) -> Outcome:
-    """Send zero, again and again, until newer reports show speed 0, without a break for
-    ``zero.steady_s``. Never raises. Where a connection is open, the first zero leaves before the
-    first wait, whatever has come on it.
+    """Send zero repeatedly, until newer reports show speed 0 for ``zero.steady_s`` without a break.
 
-    ``pending``: whether a command sent earlier, on another connection, has not been answered: it
-    may be carried out after a zero, so what is reported before it was answered proves nothing.
+    Never raises. If a connection is open, the first zero leaves before the first wait, even if
+    something unreadable was received on it.
+
+    Args:
+        port: The connection. It is reopened when it fails.
+        zero: The requests of this service.
+        within_s: Time for everything.
+        pending: Return True if an earlier command, sent on another connection, is unanswered. The base
+            may carry it out after a zero, so reports from before its answer prove nothing.
     """
     written = acknowledged = False
     detail = "silent"
-    newest_s: float | None = None  # at first that of the report that was asked for after a zero was taken
-    rests_s: float | None = None  # since when it has reported speed 0
+    # Stamp of the newest report. It starts with the first report that was requested after a zero was taken.
+    newest_s: float | None = None
+    rests_s: float | None = None  # since when the base has reported speed 0
     if not port.is_open:
-        with contextlib.suppress(WireDown):  # nothing is open, not even one that is not understood
+        # ``is_open`` is also False if something unreadable was received. Such a connection still takes a zero.
+        with contextlib.suppress(WireDown):
             port.send_stop("POST", zero.target, zero.body)
             written = True
     with trio.move_on_after(within_s):
@@ -120,9 +136,9 @@ async def stop_base(
                     await port.open()
                 number = port.send("POST", zero.target, zero.body)
                 written = True
-                told = await port.answer(number, ANSWER_S)
-                if told.status != OK:
-                    raise WireDown(f"{port.name}: a stop is answered with status {told.status}. Check the service")
+                reply = await port.answer(number, ANSWER_S)
+                if reply.status != OK:
+                    raise WireDown(f"{port.name}: a stop is answered with status {reply.status}. Check the service")
                 acknowledged = True
                 answer = await port.ask("GET", zero.state_target, within_s=ANSWER_S)
                 stands = zero.standing(answer.body)

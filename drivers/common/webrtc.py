@@ -1,9 +1,9 @@
-"""A video stream over WebRTC as the pictures of a camera. The other end is GStreamer's ``webrtcsink``
-with its signalling server.
+"""A video stream over WebRTC as the pictures of a camera. The sender is GStreamer's ``webrtcsink`` with its
+signalling server.
 
-aiortc needs a loop of asyncio, and gets one in a thread. It is used in a camera's process, which does
-nothing else and may be killed. Nothing is asked of servers on the Internet: both ends are on one
-network. Sound and data channels are not used.
+aiortc needs an asyncio loop, which runs in a thread. This module is used in a camera's process, which does
+nothing else and may be killed. No server on the Internet is asked, since both ends are on one network.
+Sound and data channels are not used.
 """
 
 from __future__ import annotations
@@ -30,24 +30,28 @@ if TYPE_CHECKING:
     from websockets.asyncio.client import ClientConnection
 
 CONNECT_S = 3.0
-"""Within which the signalling server must answer, each time."""
+"""Timeout of each answer of the signalling server."""
 BEGIN_S = 8.0
-"""Within which the first picture must come."""
+"""Timeout of the first picture."""
 SILENT_S = 2.0
 """Without a picture for so long the stream counts as lost."""
 CLOSE_S = 0.5
 MAX_MESSAGE = 256 * 1024
 LATE_S = 2.0
-"""A stream whose pictures come so late is opened anew."""
+"""A stream with pictures older than this is opened again."""
 LEAST_S = 1e-6
-"""From one picture to the next."""
+"""Least time from one picture to the next."""
 DRIFT = 2e-4
-"""By at most so much of its time does the sender's clock go slower than ours: two quartzes."""
+"""Largest difference in rate between the sender's clock and ours, which are two quartzes."""
 
 
 class WebRtcVideo:
-    """Belongs to one loop. ``url``: of the signalling server. ``producer``: whose video is wanted, by the
-    name that it gives itself."""
+    """A video stream. It belongs to one trio loop.
+
+    Args:
+        url: The address of the signalling server.
+        producer: The name of the sender of the video.
+    """
 
     paced = True
 
@@ -64,7 +68,7 @@ class WebRtcVideo:
         self._thread = threading.Thread(target=self._run, name="webrtc", daemon=True)
 
     async def open(self) -> None:
-        """Return when there is a picture. Raise ``WireDown``."""
+        """Return when there is a picture. Raise ``WireDown`` if it does not come in time."""
         self._thread.start()
         try:
             await self._until_news(BEGIN_S)
@@ -74,7 +78,11 @@ class WebRtcVideo:
             raise
 
     async def read(self) -> Picture:
-        """Return the newest picture, when there is one that was not given yet. Raise ``WireDown``."""
+        """Wait for a new picture and return the newest.
+
+        Raises:
+            WireDown: The stream has ended, is silent, or is late.
+        """
         await self._until_news(SILENT_S)
         picture, self._newest = self._newest, None
         assert picture is not None
@@ -91,14 +99,14 @@ class WebRtcVideo:
             raise WireDown(self._why or f"{self._url}: no picture of {self._producer} within {within_s:g} s")
 
     async def aclose(self) -> None:
-        """The session is ended, where that takes no longer than ``CLOSE_S``; the thread ends anyway."""
-        with contextlib.suppress(RuntimeError):  # it has ended by itself
+        """End the session if that takes no longer than ``CLOSE_S``. The thread ends in any case."""
+        with contextlib.suppress(RuntimeError):  # The loop has ended by itself.
             self._loop.call_soon_threadsafe(self._closed.set)
         with trio.move_on_after(CLOSE_S):
             await trio.to_thread.run_sync(self._thread.join, abandon_on_cancel=True)
 
     def _tell(self, picture: Picture | None, why: str) -> None:
-        """In trio's thread."""
+        """Hand over news, in trio's thread."""
         self._newest, self._why = picture or self._newest, why
         self._news.set()
         self._news = trio.Event()
@@ -114,12 +122,12 @@ class WebRtcVideo:
             why = f"{self._url}: {failure}"
         except TimeoutError:
             why = f"{self._url}: no answer within {CONNECT_S:g} s"
-        except Exception as failure:  # of aiortc, or of what it was told
+        except Exception as failure:  # an error of aiortc, or caused by data of the peer
             why = f"{self._url}: {failure or type(failure).__name__}"
         self._put(None, why)
 
     def _put(self, picture: Picture | None, why: str = "") -> None:
-        with contextlib.suppress(trio.RunFinishedError):  # nobody wants it any more
+        with contextlib.suppress(trio.RunFinishedError):  # The receiver has ended.
             self._token.run_sync_soon(self._tell, picture, why)
 
     async def _watch(self) -> None:
@@ -141,7 +149,7 @@ class WebRtcVideo:
             if session.over in done and talk not in done:
                 raise WireDown(session.over.result())
             with contextlib.suppress(asyncio.CancelledError):
-                await talk  # raises why it has ended
+                await talk  # raises the reason of its end
         finally:
             with contextlib.suppress(TimeoutError):
                 async with asyncio.timeout(CLOSE_S):
@@ -149,7 +157,7 @@ class WebRtcVideo:
 
 
 class _ProducerSession:
-    """With one producer: what is said about it, and its video."""
+    """The session with one producer: its signalling, and its video."""
 
     def __init__(self, connection: RTCPeerConnection, ws: ClientConnection, put: Callable[[Picture], None]) -> None:
         self._connection = connection
@@ -160,18 +168,18 @@ class _ProducerSession:
         self._offered = False
         self._frames: asyncio.Task[None] | None = None
         self.over: asyncio.Future[str] = asyncio.get_running_loop().create_future()
-        """Why there is no video any more."""
+        """Why the video has ended."""
         connection.on("track", self._on_track)
         connection.on("connectionstatechange", self._on_state)
 
     async def talk(self, producer: str) -> None:
-        """Never returns. Raise ``WireDown`` when there is no such producer, or no longer."""
+        """Keep up the session. Never returns. Raise ``WireDown`` if the producer is missing or ends."""
         from websockets.exceptions import ConnectionClosed
 
         try:
             await self._ws.send(w.LIST)
-            told = await self._hear("list")
-            found = {each.name: each.id for each in told.producers}
+            listing = await self._hear("list")
+            found = {each.name: each.id for each in listing.producers}
             if producer not in found:
                 raise WireDown(f"no {producer} streams there: there are {', '.join(found) or 'none'}")
             await self._ws.send(w.start_session(found[producer]))
@@ -193,15 +201,15 @@ class _ProducerSession:
     async def _hear(self, kind: str) -> w.Told:
         async with asyncio.timeout(CONNECT_S):
             while True:
-                told = await self._next()
-                if told.type == kind:
-                    return told
+                message = await self._next()
+                if message.type == kind:
+                    return message
 
     async def _next(self) -> w.Told:
-        told = w.decode_told(await self._ws.recv())
-        if told.type == "error":
-            raise WireDown(f"the signalling server says: {told.details}")
-        return told
+        message = w.decode_told(await self._ws.recv())
+        if message.type == "error":
+            raise WireDown(f"the signalling server says: {message.details}")
+        return message
 
     async def _take(self, told: w.Told) -> None:
         from aiortc import RTCSessionDescription
@@ -218,7 +226,7 @@ class _ProducerSession:
                 await self._reach(candidate)
             for stream in self._connection.getTransceivers():
                 if stream.kind != "video":
-                    stream.direction = "inactive"  # nobody would take its sound from the queue
+                    stream.direction = "inactive"  # Nothing would take its sound from the queue.
             await self._connection.setLocalDescription(await self._connection.createAnswer())
             await self._ws.send(w.answer(self._name, self._connection.localDescription.sdp))
         elif told.ice is not None:
@@ -236,7 +244,7 @@ class _ProducerSession:
         try:
             candidate = candidate_from_sdp(told.candidate.removeprefix("candidate:"))
         except (ValueError, IndexError, AssertionError):
-            return  # of a kind that aiortc does not know: others may reach
+            return  # aiortc does not know this kind of address. Others may work.
         candidate.sdpMLineIndex = told.sdp_m_line_index
         await self._connection.addIceCandidate(candidate)
 
@@ -263,7 +271,7 @@ class _ProducerSession:
                 self._put(Picture(image, round(taken_s * NS)))
         except MediaStreamError:
             self._end("the robot sends no video any more")
-        except Exception as failure:  # of a decoder, or the next picture of another shape
+        except Exception as failure:  # an error of a decoder, or a picture of another shape
             self._end(f"its video cannot be read: {failure or type(failure).__name__}")
 
     def _end(self, why: str) -> None:
@@ -272,17 +280,20 @@ class _ProducerSession:
 
 
 class Stamps:
-    """When pictures were taken, by our clock: the sender's stamps have a beginning of their own. The one
-    that was fastest on its way is taken for one that took no time; others are older by what they
-    came later. So what has waited in a queue is not shown as new."""
+    """Compute when pictures were taken, by our clock, from the sender's stamps, which have another origin.
+
+    The picture with the shortest delay counts as one without delay. The others are older by their
+    additional delay. So a picture that has waited in a queue is not shown as new.
+    """
 
     def __init__(self) -> None:
         self._ahead_s = math.inf
-        """Of our clock before the sender's."""
+        """Difference between our clock and the sender's."""
         self._at_s = self._stamp_s = self._last_s = -math.inf
 
     def taken(self, stamp_s: float, now_s: float) -> float:
-        """Return seconds of our clock, later than any before. Stamps that go back begin anew."""
+        """Return when a picture was taken, in seconds of our clock, later than any before. If stamps go
+        back, the estimate starts again."""
         known_s = math.inf
         if stamp_s > self._stamp_s > -math.inf:
             known_s = self._ahead_s + DRIFT * (now_s - self._at_s)

@@ -1,8 +1,8 @@
-"""What is said to the signalling server of GStreamer's ``webrtcsink``, and what it says: JSON texts of a
-WebSocket (its ``net/webrtc/protocol``). Pure.
+"""Messages to and from the signalling server of GStreamer's ``webrtcsink``: JSON texts of a WebSocket (its
+``net/webrtc/protocol``). Pure.
 
-A viewer asks for the producers, then for a session with one of them. That offers its streams, the
-viewer answers, and each tells the other where it can be reached.
+A viewer asks for the producers, then for a session with one of them. The producer offers its streams and
+the viewer answers. Then each sends the other the addresses at which it can be reached.
 """
 
 from __future__ import annotations
@@ -33,14 +33,14 @@ class Description(msgspec.Struct, frozen=True):
 
 
 class Candidate(msgspec.Struct, frozen=True, rename="camel"):
-    """An address of the other end, for one of its streams. Empty: there are no more."""
+    """An address of the other end, for one of its streams. An empty one ends the list."""
 
     candidate: str
     sdp_m_line_index: int | None = None
 
 
 class Told(msgspec.Struct, frozen=True, rename="camel"):
-    """Any message of the server; a field that its type does not have is empty."""
+    """Any message of the server. A field that its type does not have is empty."""
 
     type: str
     session_id: str = ""
@@ -54,7 +54,7 @@ _decode = msgspec.json.Decoder(Told).decode
 
 
 def decode_told(text: str | bytes) -> Told:
-    """Raise ``MalformedFrame``."""
+    """Return the message in a text of the server. Raise ``MalformedFrame`` if it is no message."""
     try:
         return _decode(text)
     except (msgspec.MsgspecError, UnicodeDecodeError, RecursionError) as error:

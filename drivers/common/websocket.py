@@ -1,14 +1,14 @@
-"""A WebSocket client for a wire process or a stop channel: wsproto over ``tcp_port``, a deadline on
+"""A WebSocket client for a wire process or a stop channel: wsproto over ``tcp_port``, with a deadline on
 every wait.
 
-One object is one connection. ``send`` hands a message to the system at once or raises: nothing
-waits to be sent, and nothing is sent again on a later connection. It is closed with a reset, so
-that what has not arrived yet is thrown away; what waits in the other end's own buffer it may still
-take. Check a permit directly before ``send``: there is no wait in it.
+One object is one connection. ``send`` hands a message to the system at once or raises. No message waits to
+be sent, or is sent again on a later connection. Check a permit immediately before ``send``, which does not
+wait. A connection is closed with a reset, which throws away all data that has not arrived. The peer may still
+process data in its own buffer.
 
-A stop needs no answer of the service. ``begin_websocket`` hands it over in one write with the
-upgrade, and ``send_stop`` at any moment: before the upgrade is answered, and after bytes that were no
-WebSocket. So a connection that is not understood any more is kept until it is closed.
+A stop needs no answer. ``begin_websocket`` sends it in one write with the upgrade. ``send_stop`` sends it at
+any moment, even before the upgrade is answered and after bytes that were no WebSocket. So a connection that
+cannot be decoded any more is kept until it is closed.
 """
 
 from __future__ import annotations
@@ -28,44 +28,54 @@ from .websocket_messages import MAX_MESSAGE, Accepted, ClientEnd, Closed, Header
 OpenStream = Callable[[str, int], Awaitable[OrderlyStream]]
 
 BUSY_TURNS = 256
-"""Turns in a row after which more was waiting. A megabyte of honest backlog, of a link that was held
-up, is read by then."""
+"""Turns in a row that may end with more data waiting. By then a megabyte of normal backlog, after a link was
+held up, is read."""
 
 
 class WebSocket:
-    """A connection whose upgrade was sent. One task calls ``receive``; whoever has a message calls
-    ``send``."""
+    """A connection with its upgrade sent. One task calls ``receive``; any task may call ``send``."""
 
     def __init__(self, name: str, stream: OrderlyStream, end: ClientEnd, target: str, until_s: float) -> None:
-        """Made by ``begin_websocket`` and ``open_websocket``. ``until_s``: when the upgrade must be
-        answered."""
+        """Wrap a stream. ``begin_websocket`` and ``open_websocket`` call this.
+
+        Args:
+            name: The name of the peer for messages.
+            stream: The connection.
+            end: The codec.
+            target: The path of the upgrade.
+            until_s: Deadline of the answer to the upgrade, in trio's time.
+        """
         self.name = name
         self._stream = stream
         self._end = end
         self._target = target
         self._until_s = until_s
         self._budget = ReceiveBudget(name, busy_turns=BUSY_TURNS)
-        self._heard: deque[Heard] = deque()  # of the bytes last read; read again only when it is empty
+        self._heard: deque[Heard] = deque()  # of the last read; the next read waits until it is empty
         self._is_accepted = self._is_stopped = self._is_closed = False
-        self._is_behind = False  # more was waiting than the last read took
+        self._is_behind = False  # the last read left more data waiting
         self._pinged = self._ponged = 0
         self._news = trio.Event()
         self._reader: trio.CancelScope | None = None
-        self._why = ""  # nothing is received any more
+        self._why = ""  # why nothing is received any more
 
     @property
     def is_open(self) -> bool:
-        """Return whether messages can be sent and received."""
+        """True if messages can be sent and received."""
         return self._is_accepted and not self._why
 
     @property
     def is_pending(self) -> bool:
-        """Return whether the upgrade may yet be answered in time."""
+        """True if the upgrade may still be answered in time."""
         return not self._is_accepted and not self._why and trio.current_time() < self._until_s
 
     def send(self, message: str | bytes) -> None:
-        """Send a text or binary message now. Raise ``WireDown``, and be closed, when it does not
-        leave whole. Raise ``ValueError`` for one that is too long."""
+        """Send a text or binary message now.
+
+        Raises:
+            WireDown: It did not leave whole. The connection is closed.
+            ValueError: It is too long.
+        """
         self._check_open()
         try:
             frame = self._end.message(message)
@@ -74,29 +84,38 @@ class WebSocket:
         self._write(frame)
 
     def begin(self, *stop: str) -> None:
-        """Send the upgrade, and the messages of a stop with it. Raise ``WireDown``."""
+        """Send the upgrade, together with the messages of a stop. Raises ``WireDown``."""
         self._is_stopped = bool(stop)
         self._write(self._end.request + self._end.stop(stop))
 
     def send_stop(self, *messages: str) -> None:
-        """Send a stop now, whatever the service has answered, or not. Raise ``WireDown`` where the
-        connection is closed, or it does not leave whole."""
+        """Send a stop now, with or without any answer of the service.
+
+        Raises:
+            WireDown: The connection is closed, or the stop did not leave whole.
+        """
         if self._is_closed:
             raise self._closed_error()
         self._is_stopped = True
         self._write(self._end.stop(messages))
 
     async def accepted(self, within_s: float) -> bool:
-        """Wait for the answer to the upgrade; return whether it came in time. Raise ``WireDown``
-        where it is another one."""
+        """Wait for the answer to the upgrade. Return whether it came in time.
+
+        Raises:
+            WireDown: The service has refused the upgrade.
+        """
         with trio.move_on_after(within_s):
             while not self._is_accepted:
                 await self._hear()
         return self._is_accepted
 
     async def receive(self) -> str | bytes:
-        """Return the next message. Answer pings meanwhile. Raise ``WireDown`` when there is none any
-        more. May be cancelled at any time; nothing is lost."""
+        """Return the next message, and answer pings meanwhile. No message is lost if it is cancelled.
+
+        Raises:
+            WireDown: The connection is closed or lost.
+        """
         while True:
             while self._heard:
                 match self._heard.popleft():
@@ -110,23 +129,25 @@ class WebSocket:
             await self._hear()
 
     async def receive_within(self, within_s: float) -> str | bytes:
-        """As ``receive``. Raise ``WireDown`` when nothing comes in time; the connection stays
-        open."""
+        """As ``receive``. Raise ``WireDown`` if no message comes in time; the connection stays open."""
         with trio.move_on_after(within_s):
             return await self.receive()
         raise WireDown(f"{self.name}: no message within {within_s * 1e3:.0f} ms. Check the service and its network")
 
     def ping(self) -> int:
-        """Send a ping now; return its number for ``ponged``. Raise ``WireDown``."""
+        """Send a ping now. Return its number for ``ponged``. Raises ``WireDown``."""
         self._check_open()
         self._pinged += 1
         self._write(self._end.ping(str(self._pinged).encode()))
         return self._pinged
 
     async def ponged(self, number: int, within_s: float) -> None:
-        """Return when the service has answered that ping: it has read everything that was sent
-        before. Another task receives meanwhile. Raise ``WireDown`` when it does not come in
-        time."""
+        """Return when the service has answered a ping, and so has read everything that was sent before.
+        Another task has to receive meanwhile.
+
+        Raises:
+            WireDown: The answer did not come in time.
+        """
         with trio.move_on_after(within_s):
             while self._ponged < number:
                 self._check()
@@ -135,13 +156,14 @@ class WebSocket:
         raise WireDown(f"{self.name}: no pong within {within_s * 1e3:.0f} ms. Check the service and its network")
 
     def close(self) -> None:
-        """Throw the connection away with what has not arrived yet; but a stop still arrives that was
-        sent on one that was not understood. Harmless when called again."""
+        """Reset the connection and throw away all data that has not arrived. Another call does nothing.
+
+        A stop still arrives if it was sent on a connection that could not be decoded.
+        """
         self._close("closed by us", in_order=self._is_stopped and not self.is_open)
 
     def close_in_order(self) -> None:
-        """As ``close``, but what was sent still arrives, and a close frame behind it: for a
-        stop."""
+        """As ``close``, but sent data still arrives, followed by a close frame. Meant for a stop."""
         if self.is_open:
             try:
                 self._stream.write(self._end.close())
@@ -150,7 +172,7 @@ class WebSocket:
         self._close("closed by us", in_order=True)
 
     async def _hear(self) -> None:
-        """Take in what comes next, as much as one turn may take. Raise ``WireDown``."""
+        """Receive once, as much as one turn may take. Raise ``WireDown``."""
         data = b""
         if self._end.has_unread:
             await trio.lowlevel.checkpoint()
@@ -175,7 +197,7 @@ class WebSocket:
                     raise self._deafen("it answers something else")
 
     def _keep_up(self, has_more: bool) -> None:
-        """Raise ``WireDown`` where the service has sent more than can be read, for long."""
+        """Raise ``WireDown`` if the service has sent more than can be read, for many turns."""
         try:
             if has_more:
                 self._budget.fell_behind()
@@ -189,7 +211,7 @@ class WebSocket:
         self._check()
         data = b""
         try:
-            with trio.CancelScope() as self._reader:  # cancelled by ``close``: nothing else ends the wait
+            with trio.CancelScope() as self._reader:  # ``close`` cancels it; nothing else ends the wait.
                 data = await self._stream.read()
         except WireDown as down:
             raise self._close(str(down)) from None
@@ -214,7 +236,7 @@ class WebSocket:
             raise WireDown(f"{self.name}: {self._target}: the upgrade is not answered yet")
 
     def _deafen(self, why: str) -> WireDown:
-        """Receive nothing any more; a stop can still be sent. Return the error to raise."""
+        """End receiving. A stop can still be sent. Return the error to raise."""
         if not self._why:
             self._why = why if self._is_accepted else f"{self._target}: no WebSocket there ({why})"
             self._heard.clear()
@@ -222,7 +244,7 @@ class WebSocket:
         return WireDown(f"{self.name}: {self._why}. Check the service and its network, then reconnect")
 
     def _close(self, why: str, in_order: bool = False) -> WireDown:
-        """Return the error to raise."""
+        """Close the connection. Return the error to raise."""
         error = self._deafen(why)
         if not self._is_closed:
             self._is_closed = True
@@ -253,9 +275,24 @@ async def begin_websocket(
     max_message: int = MAX_MESSAGE,
     open_stream: OpenStream = open_tcp,
 ) -> WebSocket:
-    """Connect, and hand over the upgrade and the messages of ``stop`` in one write, all within
-    ``within_s``. The answer is not waited for (``WebSocket.accepted``). Services may drop a message
-    that comes before their answer, as uvicorn does: send it again. Raise ``WireDown``."""
+    """Connect, and send the upgrade and the messages of ``stop`` in one write.
+
+    The answer is not awaited (``WebSocket.accepted``). Services may drop a message that comes before
+    their answer, as uvicorn does, so send it again.
+
+    Args:
+        host: Name or address of the service.
+        port: Its port.
+        target: The path of the upgrade.
+        within_s: Time for everything.
+        stop: Messages to send with the upgrade.
+        headers: More header fields.
+        max_message: Most bytes of one message.
+        open_stream: Makes the connection. The default is plain TCP.
+
+    Raises:
+        WireDown: It failed, or took longer.
+    """
     name = f"[{host}]:{port}" if ":" in host else f"{host}:{port}"
     end = ClientEnd(name, target, headers, max_message)
     until_s = trio.current_time() + within_s
@@ -276,7 +313,11 @@ async def open_websocket(
     max_message: int = MAX_MESSAGE,
     open_stream: OpenStream = open_tcp,
 ) -> WebSocket:
-    """Connect and upgrade within ``within_s``. Raise ``WireDown``."""
+    """Connect and upgrade. The arguments are those of ``begin_websocket``.
+
+    Raises:
+        WireDown: It failed, or took longer than ``within_s``.
+    """
     until_s = trio.current_time() + within_s
     opened = await begin_websocket(
         host,

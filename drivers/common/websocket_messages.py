@@ -1,8 +1,8 @@
-"""One end of a WebSocket as bytes in and bytes out, over wsproto. Pure: no socket, no clock.
+"""One end of a WebSocket, bytes in and bytes out, over wsproto. Pure: no socket, no clock.
 
-No extension is offered or accepted, so nothing is compressed. Messages are bounded, in bytes and in
-fragments, and so is what one turn takes in. An end that was fed malformed bytes understands nothing
-that follows; a client can still make a stop for it.
+No extension is offered or accepted, so nothing is compressed. Messages are bounded in bytes and in
+fragments, and each turn takes in a bounded amount. After malformed bytes an end decodes nothing more, but a
+client can still make a stop.
 """
 
 from __future__ import annotations
@@ -30,22 +30,22 @@ from wsproto.utilities import ProtocolError
 from .malformed import MalformedFrame
 
 MAX_MESSAGE = 1 << 20
-"""Bytes, or characters of a text. A lidar scan as JSON is 20 kB."""
+"""Most bytes of a message, or characters of a text. A lidar scan as JSON is 20 kB."""
 
 MAX_FRAGMENTS = 1024
-"""Frames of one message."""
+"""Most frames of one message."""
 
 FRAMES = 32
-"""Frames that one turn takes in: 1 ms at most."""
+"""Most frames that one turn takes in: 1 ms at most."""
 
 MAX_CONTROL = 125
-"""Bytes of a ping, by RFC 6455."""
+"""Most bytes of a ping, by RFC 6455."""
 
 MAX_HEAD = 16_384
-"""Bytes of an upgrade."""
+"""Most bytes of an upgrade."""
 
 MAX_EARLY = 65_536
-"""Bytes that a client may send before its upgrade is answered."""
+"""Most bytes that a client may send before its upgrade is answered."""
 
 _HEAD_END = b"\r\n\r\n"
 
@@ -55,7 +55,7 @@ Headers = Sequence[tuple[bytes, bytes]]
 
 
 class Accepted(NamedTuple):
-    """The server has taken the upgrade: messages may go out."""
+    """The server has accepted the upgrade. Messages may be sent."""
 
 
 class Rejected(NamedTuple):
@@ -65,20 +65,20 @@ class Rejected(NamedTuple):
 
 
 class Opened(NamedTuple):
-    """A client asks for an upgrade: ``accept`` or ``reject``. Header names are in lower case."""
+    """A client asks for an upgrade. Answer with ``accept`` or ``reject``. Header names are in lower case."""
 
     target: str
     headers: dict[str, str]
 
 
 class Ponged(NamedTuple):
-    """The other end has answered a ping, and so has taken everything before it."""
+    """The peer has answered a ping, so it has read everything that was sent before the ping."""
 
     payload: bytes
 
 
 class Closed(NamedTuple):
-    """The other end has closed; nothing follows."""
+    """The peer has closed the connection. Nothing follows."""
 
     code: int
     reason: str
@@ -95,19 +95,26 @@ class _End:
         self._max_message = max_message
         self._parts: list[str] | list[bytes] = []
         self._length = self._fragments = 0
-        self._ping: Ping | None = None  # the newest, not answered yet
+        self._ping: Ping | None = None  # the newest one without an answer
         self._close = b""
         self._ended = False
         self._has_unread = False
 
     @property
     def has_unread(self) -> bool:
-        """Return whether ``feed`` has left something for the next turn."""
+        """True if ``feed`` has left data for the next turn."""
         return self._has_unread
 
     def feed(self, data: bytes, frames: int = FRAMES) -> Iterator[Heard]:
-        """Yield what the other end says, as much as one turn may take; while ``has_unread``, feed
-        nothing. Raise ``MalformedFrame``. Afterwards send ``replies``, if any."""
+        """Yield the received events, as much as one turn may take. Afterwards send ``replies``.
+
+        Args:
+            data: Received bytes. While ``has_unread``, feed empty bytes.
+            frames: Most frames of this turn.
+
+        Raises:
+            MalformedFrame: Nothing later on this connection can be decoded.
+        """
         if self._ended:
             raise MalformedFrame("bytes after the end")
         count = 0
@@ -123,33 +130,33 @@ class _End:
         except MalformedFrame:
             self._ended = True
             raise
-        except (ProtocolError, ValueError) as error:  # ValueError: a header that is no text
+        except (ProtocolError, ValueError) as error:  # ValueError comes from a header that is no text.
             self._ended = True
             raise MalformedFrame(str(error) or type(error).__name__) from None
 
     def replies(self) -> bytes:
-        """Return the answers to the newest ping and to a close received since the last call. RFC
-        6455 asks for no answer to the pings before that."""
+        """Return the answers to the newest ping and to a close since the last call. RFC 6455 requires no
+        answer to earlier pings."""
         ping, close, self._ping, self._close = self._ping, self._close, None, b""
         if ping is None or self._connection.state is not ConnectionState.OPEN:
             return close
         return self._send(ping.response()) + close
 
     def message(self, message: str | bytes) -> bytes:
-        """Return the frame of a text or binary message. Raise ``MalformedFrame`` when it cannot be
-        sent now."""
+        """Return the frame of a text or binary message. Raise ``MalformedFrame`` if it cannot be sent
+        now."""
         if len(message) > self._max_message:
             raise MalformedFrame(f"message of {len(message)}, more than {self._max_message}")
         return self._send(TextMessage(data=message) if isinstance(message, str) else BytesMessage(data=message))
 
     def ping(self, payload: bytes) -> bytes:
-        """Return a ping. Raise ``MalformedFrame`` when it cannot be sent now."""
+        """Return the frame of a ping. Raise ``MalformedFrame`` if it cannot be sent now."""
         if len(payload) > MAX_CONTROL:
             raise MalformedFrame(f"ping of {len(payload)} bytes, more than {MAX_CONTROL}")
         return self._send(Ping(payload=payload))
 
     def close(self, code: int = NORMAL_CLOSURE) -> bytes:
-        """Return a close; empty when there is nothing to close."""
+        """Return the frame of a close; empty if there is nothing to close."""
         if self._connection.state not in (ConnectionState.OPEN, ConnectionState.REMOTE_CLOSING):
             return b""
         return self._send(CloseConnection(code=code))
@@ -170,7 +177,7 @@ class _End:
             case Pong():
                 return Ponged(bytes(event.payload))
             case CloseConnection():
-                if self._connection.state is ConnectionState.OPEN:  # wsproto's way to report a parse error
+                if self._connection.state is ConnectionState.OPEN:  # wsproto reports a parse error like this.
                     raise MalformedFrame(event.reason or "no WebSocket frame")
                 if self._answers_close and self._connection.state is ConnectionState.REMOTE_CLOSING:
                     self._close = self._send(event.response())
@@ -206,33 +213,40 @@ class _End:
 
 
 class ClientEnd(_End):
-    """The end that asks. ``request`` is the upgrade to send. A close is not answered, since a single
-    garbled byte may look like one, and no stop counts behind the answer. The service sees the end of
-    the connection instead."""
+    """The client's end. ``request`` is the upgrade to send.
+
+    It does not answer a close. A single garbled byte may look like a close, and no stop would count after
+    the answer. The service sees the end of the connection instead.
+    """
 
     _answers_close = False
 
     def __init__(self, host: str, target: str, headers: Headers = (), max_message: int = MAX_MESSAGE) -> None:
-        """``host``: with the port, as in the ``Host`` header."""
+        """Make the upgrade. ``host`` includes the port, as in the ``Host`` header."""
         super().__init__(ConnectionType.CLIENT, max_message)
         self.request = self._send(Request(host=host, target=target, extra_headers=list(headers)))
         self._stops = FrameProtocol(client=True, extensions=[])
 
     def stop(self, messages: Sequence[str]) -> bytes:
-        """Return the frames of a stop, which depend on nothing that was received: before the answer
-        to the upgrade, too, and after bytes that were malformed."""
+        """Return the frames of a stop. They depend on no received data, so they can be sent before the
+        answer to the upgrade, and after malformed bytes."""
         return b"".join(bytes(self._stops.send_data(message, fin=True)) for message in messages)
 
 
 class ServerEnd(_End):
-    """The end that is asked: first it hears ``Opened``."""
+    """The server's end. Its first event is ``Opened``."""
 
     def __init__(self, max_message: int = MAX_MESSAGE, keeps_early: bool = True) -> None:
-        """``keeps_early``: whether frames that came in one read with the upgrade count: tornado keeps
-        them (rosbridge), uvicorn drops them."""
+        """Make an end.
+
+        Args:
+            max_message: Most bytes of one message.
+            keeps_early: True if frames in one read with the upgrade count. tornado (rosbridge) keeps
+                them, uvicorn drops them.
+        """
         super().__init__(ConnectionType.SERVER, max_message)
-        self._head = b""  # of the upgrade, until it is whole
-        self._early: bytes | None = b""  # frames that came before ``accept``; None: it has been called
+        self._head = b""  # the upgrade, until it is complete
+        self._early: bytes | None = b""  # frames from before ``accept``; None after it
         self._keeps_early = keeps_early
 
     def feed(self, data: bytes, frames: int = FRAMES) -> Iterator[Heard]:
@@ -252,7 +266,7 @@ class ServerEnd(_End):
                 yield from super().feed(head + end, frames)
 
     def accept(self) -> bytes:
-        """Return the answer after which messages may go out. Feed nothing once, then: messages may
+        """Return the answer that accepts the upgrade. Feed empty bytes once afterwards, since messages may
         have come before it."""
         answer = self._send(AcceptConnection())
         if self._early:
@@ -262,6 +276,6 @@ class ServerEnd(_End):
         return answer
 
     def reject(self, status: int) -> bytes:
-        """Return the answer that there is no WebSocket here."""
+        """Return the answer that refuses the upgrade."""
         self._ended = True
         return self._send(RejectConnection(status_code=status))

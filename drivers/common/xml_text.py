@@ -1,9 +1,9 @@
-"""Read XML as MuJoCo's own reader takes it, and change a piece of it in place. Pure.
+"""Read XML as MuJoCo's reader does, and change parts of it in place. Pure.
 
-MuJoCo's reader takes names as they are written. A prefix needs no declaration (``drake:``, plugins
-of Gazebo), an entity that is not one of XML's own stays as it is, and what follows the first
-element is ignored. A standard parser refuses such files. Here each element keeps its place in the
-text, so that a caller can exchange an attribute and leave every other character alone.
+MuJoCo's reader takes names as they are written. A prefix needs no declaration (``drake:``, plugins of
+Gazebo). An entity that XML does not define stays unchanged. Everything after the first element is ignored.
+A standard parser refuses such files. Here each element keeps its place in the text, so that a caller can
+replace an attribute and leave every other character unchanged.
 """
 
 from __future__ import annotations
@@ -13,30 +13,31 @@ from collections.abc import Iterable, Iterator
 from typing import NamedTuple
 
 MAX_DEPTH = 500
-"""How deep elements may be nested: the limit of MuJoCo's reader."""
+"""Deepest nesting of elements: the limit of MuJoCo's reader."""
 
 _TAG = re.compile(r"<(/?)([^\s/>\"'=<]+)((?:[^\"'>]|\"[^\"]*+\"|'[^']*+')*+)>")
 _ATTRIBUTE = re.compile(r"([^\s=/>\"']++)(?:\s*+=\s*+(?:\"([^\"]*+)\"|'([^']*+)'))?+")
-"""A word without a value matches too, so that a long text without any is read only once."""
+"""It also matches a word without a value, so that a long text without values is read only once."""
 _ENTITY = re.compile(r"&(lt|gt|amp|quot|apos|#\d{1,7}|#x[0-9a-fA-F]{1,6});")
 _NAMED = {"lt": "<", "gt": ">", "amp": "&", "quot": '"', "apos": "'"}
 _SKIPPED = (("<!--", "-->"), ("<![CDATA[", "]]>"), ("<?", "?>"), ("<!", ">"))
-"""What is no element, by its beginning and its end. The order matters: the last one begins like the
+"""Beginning and end of parts that are no elements. The order matters, since the last one begins like the
 first two."""
 
 
 class NotXml(ValueError):
-    """The text is no XML. The message says what is wrong and in which line."""
+    """The text is no XML. The message has the error and its line."""
 
 
 class Attribute(NamedTuple):
     value: str
-    start: int  # of the whole attribute in the text
+    start: int  # place of the whole attribute in the text
     end: int
 
 
 class Element:
-    """One element. ``start`` and ``end`` are its place in the text, ``inside`` follows its name."""
+    """One element. ``start`` and ``end`` are its place in the text; ``inside`` is the place after its
+    name."""
 
     __slots__ = ("attributes", "children", "end", "inside", "start", "tag")
 
@@ -54,18 +55,18 @@ class Element:
         return default if found is None else found.value
 
     def all(self, tag: str) -> list[Element]:
-        """Return the children of this name."""
+        """Return the children with this name."""
         return [child for child in self.children if child.tag == tag]
 
     def first(self, *tags: str) -> Element | None:
-        """Return the first child of the first name, its first child of the second name, and so on."""
+        """Return the first child with the first name, then its first child with the second name, and so on."""
         found: Element | None = self
         for tag in tags:
             found = next(iter(found.all(tag)), None) if found is not None else None
         return found
 
     def iterate(self, tag: str) -> Iterator[Element]:
-        """Yield all elements of this name inside this one, in the order of the text."""
+        """Yield all elements with this name inside this one, in the order of the text."""
         waiting = self.children[::-1]
         while waiting:
             element = waiting.pop()
@@ -75,7 +76,7 @@ class Element:
 
 
 class Edit(NamedTuple):
-    """Exchange ``text[start:end]``."""
+    """Replace ``text[start:end]`` by ``text``."""
 
     start: int
     end: int
@@ -116,7 +117,7 @@ def parse(text: str) -> Element:
 
 
 def edited(text: str, edits: Iterable[Edit]) -> str:
-    """Return the text with all edits. They must not overlap."""
+    """Return the text with all edits applied. They must not overlap."""
     parts, at = [], 0
     for start, end, new in sorted(edits):
         parts += [text[at:start], new]
@@ -125,12 +126,12 @@ def edited(text: str, edits: Iterable[Edit]) -> str:
 
 
 def escaped(value: str) -> str:
-    """Return a value as it stands between double quotes."""
+    """Return a value in the form that it needs between double quotes."""
     return value.replace("&", "&amp;").replace("<", "&lt;").replace('"', "&quot;")
 
 
 def _skipped(text: str, at: int) -> int | None:
-    """Return the end of a comment or the like that begins here; None: none begins here."""
+    """Return the end of a comment or similar part that begins here; None if there is no such part."""
     for begin, end in _SKIPPED:
         if text.startswith(begin, at):
             found = text.find(end, at + len(begin))

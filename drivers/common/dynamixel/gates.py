@@ -1,4 +1,4 @@
-"""What the faults of a Dynamixel mean to who is refused because of one."""
+"""The refusal codes of a Dynamixel's faults."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from .table import HARDWARE_BITS
 from .watchdog import TRIPPED, UNARMED
 
 UNNAMED = "hardware alert"
-"""The alert bit was seen, and which alert it is not yet read."""
+"""The alert bit is set, but the register with the kind of alert was not read yet."""
 
 FAULT_CODES: Mapping[str, MotorCode] = {
     **dict.fromkeys((*HARDWARE_BITS.values(), UNNAMED), MotorCode.ALERT),

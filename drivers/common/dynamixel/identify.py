@@ -1,5 +1,4 @@
-"""What a Dynamixel says of itself, and whether it is the right one. Nothing of its EEPROM is
-rewritten."""
+"""Identify a Dynamixel, and check that it is the right one. Its EEPROM is not changed."""
 
 from __future__ import annotations
 
@@ -18,13 +17,13 @@ from . import protocol, table, watchdog
 
 POSITION_MODES = (table.POSITION_MODE, table.EXTENDED_POSITION_MODE, table.CURRENT_POSITION_MODE)
 ANYWHERE = (-(1 << 31), (1 << 31) - 1)
-"""Several turns: what the goal register holds."""
+"""The range of the goal register, which covers several turns."""
 
 _INVERTED = 1
 
 
 class Identity(msgspec.Struct, frozen=True):
-    """What one servo says about itself."""
+    """The identity, settings and state of one servo."""
 
     model: int
     firmware: int
@@ -33,7 +32,7 @@ class Identity(msgspec.Struct, frozen=True):
     drive_mode: int
     mode: int
     homing_offset: int
-    low: int  # position limits, counts; of mode 3 only
+    low: int  # position limits in counts, for mode 3 only
     high: int
     max_temperature_c: float
     min_voltage_v: float
@@ -49,21 +48,21 @@ class Identity(msgspec.Struct, frozen=True):
 
     @property
     def travel(self) -> tuple[int, int]:
-        """Goals it takes: in mode 3 it refuses the rest, in the others it takes any number of
-        turns."""
+        """Lowest and highest goal. In mode 3 the servo refuses goals beyond its limits; in the other modes it
+        takes any number of turns."""
         return (self.low, self.high) if self.mode == table.POSITION_MODE else ANYWHERE
 
 
 def reach(axis: Axis, servo: Identity, calibrated: bool) -> tuple[int, int]:
-    """Return where the joint may rest when it is energised. A servo that counts turns and stands
-    outside our range would travel back the whole way at the first command."""
+    """Return the range in which the joint may rest when it is energised. A servo that counts turns and stands
+    outside our range would travel the whole way back at the first command."""
     if servo.mode == table.POSITION_MODE:
         return servo.travel
     return (axis.low, axis.high) if calibrated else (0, TOP)
 
 
 async def identify(bus: HalfDuplexBus[protocol.Packet], axis: Axis) -> Identity:
-    """Read one servo's registers. Raise ``WireDown``."""
+    """Read the registers of one servo. Raise ``WireDown`` if it does not answer."""
     base = table.EEPROM_END
     eeprom = await block(bus, protocol, axis, 0, base)
     ram = await block(bus, protocol, axis, base, table.TEMPERATURE.address + table.TEMPERATURE.size - base)
@@ -88,8 +87,7 @@ async def identify(bus: HalfDuplexBus[protocol.Packet], axis: Axis) -> Identity:
 
 
 def check(axis: Axis, servo: Identity, motor: MotorCalibration | None) -> None:
-    """Refuse a servo that is not the one of the table, or not the one that was calibrated. Raise
-    ``WireDown``."""
+    """Raise ``WireDown`` unless the servo is the one of the table, and the one that was calibrated."""
     check_model(axis, servo.id, servo.model, protocol)
     if servo.mode not in POSITION_MODES:
         name = table.MODE_NAMES.get(servo.mode, "unknown")
@@ -108,7 +106,7 @@ def check(axis: Axis, servo: Identity, motor: MotorCalibration | None) -> None:
 
 
 def facts(axes: Sequence[Axis], servos: Mapping[int, Identity]) -> dict[str, dict[str, object] | float]:
-    """For ``status``: by axis key."""
+    """Return the facts for ``status``, by axis key."""
     by_key = {axis.key: servos[axis.id] for axis in axes}
     return {
         **facts_of(by_key),

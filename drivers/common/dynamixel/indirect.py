@@ -1,4 +1,4 @@
-"""Indirect addresses of one servo: bytes that show those of other registers, side by side."""
+"""Indirect addresses of one servo: a block of bytes that shows other registers side by side."""
 
 from __future__ import annotations
 
@@ -10,17 +10,17 @@ from . import protocol as p
 from . import table as t
 
 FIRST_TARGET = t.EEPROM_END
-"""Registers of the EEPROM cannot be shown."""
+"""First register that can be shown. Registers of the EEPROM cannot be."""
 
 
 class Where(enum.Enum):
     TABLE = enum.auto()
-    POINTERS = enum.auto()  # the addresses themselves
+    POINTERS = enum.auto()  # the registers with the addresses
     OWN = enum.auto()  # bytes that show themselves
 
 
 class Run(NamedTuple):
-    """Bytes side by side; ``at``: of the table, or of what they are in."""
+    """Bytes side by side. ``at`` is their index in the place that ``where`` names."""
 
     where: Where
     at: int
@@ -28,7 +28,7 @@ class Run(NamedTuple):
     last_target: int = 0
 
     def refuses(self, data: bytes) -> int:
-        """Error number for what is written beside the table."""
+        """Return the error number of a write outside the table; 0 if it is allowed."""
         if self.where is not Where.POINTERS:
             return 0
         if self.at % 2 or self.size % 2:
@@ -38,7 +38,7 @@ class Run(NamedTuple):
 
 
 class Indirect:
-    """As after a power-on: each byte shows itself."""
+    """The indirect addresses in their state after a power-on: each byte shows itself."""
 
     def __init__(self, blocks: Sequence[t.IndirectBlock]) -> None:
         self._addresses = [block.addresses + at for block in blocks for at in range(2 * block.size)]
@@ -47,7 +47,7 @@ class Indirect:
         self._own = bytearray(len(self._data))
 
     def runs(self, address: int, size: int) -> list[Run] | None:
-        """Return where ``size`` bytes from ``address`` are. None: not all are anywhere."""
+        """Return the places of ``size`` bytes from ``address``; None if one of them does not exist."""
         runs: list[Run] = []
         for byte in range(address, address + size):
             found = self._find(byte)

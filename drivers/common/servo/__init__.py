@@ -1,2 +1,2 @@
-"""What the buses of position servos share. A wire's ``protocol`` module is the ``Codec`` all of it
-speaks."""
+"""The common part of all buses of position servos. The ``protocol`` module of a wire is the ``Codec`` that
+this code uses."""

@@ -1,4 +1,4 @@
-"""Per joint, the line between units and counts."""
+"""Convert between units and encoder counts, per joint."""
 
 from __future__ import annotations
 
@@ -12,29 +12,28 @@ from strands_actors.contract import axis as contract
 from strands_actors.drivers.common.calibration import MotorCalibration
 
 COUNTS = 4096
-"""Encoder counts a turn: Feetech STS and SMS, Dynamixel X."""
+"""Encoder counts per turn: Feetech STS and SMS, Dynamixel X."""
 
 TOP = COUNTS - 1
 MIDDLE = COUNTS // 2
 """The count at 0 rad of the model."""
 
 COUNTS_PER_DEGREE = TOP / 360
-"""4095, not 4096, a turn: what lerobot uses, so that its data sets mean the same here (0.024 % of
-scale)."""
+"""lerobot uses 4095 counts per turn, not 4096. With the same factor its data sets have the same meaning here
+(0.024 % of scale)."""
 
 COUNTS_PER_RADIAN = COUNTS / math.tau
 
 
 class Axis(msgspec.Struct, frozen=True):
-    """One joint. A value in its unit and a count lie on one line: ``count = zero + scale *
-    value``."""
+    """One joint. Values and counts are related by ``count = zero + scale * value``."""
 
     key: str
     id: int
     model: str
     unit: str  # "deg" or "percent"
     zero: float  # counts at value 0
-    scale: float  # counts per unit; negative when the drive is inverted
+    scale: float  # counts per unit; negative if the drive is inverted
     low: int  # travel, counts
     high: int
     speed: float  # units per second, unloaded
@@ -47,7 +46,7 @@ class Axis(msgspec.Struct, frozen=True):
 
     @property
     def limits(self) -> tuple[float, float]:
-        """Travel in units, lower first."""
+        """Travel in units, the lower end first."""
         first, second = self.value(self.low), self.value(self.high)
         return min(first, second), max(first, second)
 
@@ -61,7 +60,7 @@ class Axis(msgspec.Struct, frozen=True):
 
     @property
     def declared(self) -> contract.Axis:
-        """Return the joint as the contract has it, without counts."""
+        """The joint as the contract's ``Axis``, without counts."""
         low, high = self.limits
         return contract.Axis(key=self.key, unit=self.unit, low=low, high=high, speed=self.speed, id=self.id)
 
@@ -69,9 +68,14 @@ class Axis(msgspec.Struct, frozen=True):
 def axes_of(
     joints: Iterable[Mapping[str, Any]], calibration: Mapping[str, MotorCalibration] | None, host_inverts: bool
 ) -> tuple[Axis, ...]:
-    """Return the ``joints`` of a robot's table, in their order. Without a calibration each has the
-    range of its model, around the middle of its servo. ``host_inverts``: drive mode 1 of the
-    calibration is ours to apply; otherwise the servo does it."""
+    """Return the axes of a robot, in the order of its table.
+
+    Args:
+        joints: ``joints`` of the robot's table.
+        calibration: By joint. Without it each joint has the range of its model, around the middle of its
+            servo.
+        host_inverts: True if the host applies drive mode 1 of the calibration; False if the servo does.
+    """
     return tuple(
         _axis(joint, None if calibration is None else calibration[joint["key"]], host_inverts) for joint in joints
     )

@@ -1,5 +1,5 @@
-"""How a robot of servos is calibrated: its joints are brought to their middle by hand, then through
-all their range. LeRobot's procedure, and its file."""
+"""Calibrate a robot of servos with LeRobot's procedure, and write LeRobot's file. A person moves all joints
+to their middle, then through their whole range."""
 
 from __future__ import annotations
 
@@ -17,29 +17,42 @@ from .setup import Ranges, Setup
 
 READ_S = 0.05
 PATIENCE_S = 1.0
-"""How long a servo is asked again whose answer was lost or damaged: a person's minute of work depends on
-it."""
+"""How long a request is repeated after its answer was lost or damaged. Otherwise a person would lose a
+minute of work."""
 UNDO_S = 3.0
 
 Told = TypeVar("Told")
 
 
 class Person(Protocol):
-    """Who moves the robot."""
+    """The user interface to the person that moves the robot."""
 
     async def ready(self, text: str) -> None:
-        """Say what is to be done, and wait until it is."""
+        """Show an instruction, and wait until the person has carried it out."""
 
     def show(self, ranges: Ranges) -> None:
-        """Show what was found so far."""
+        """Show the ranges so far."""
 
 
 async def calibrate(
     setup: Setup[Any], person: Person, whole_turn: Sequence[str], inverted: Sequence[str], max_offset: int
 ) -> dict[str, MotorCalibration]:
-    """Calibrate the servos, and return what was written to them. Whatever ends it before, they have
-    what they had. Raise ``WireDown``, and ``ValueError`` for a joint that was not moved as it has
-    to be."""
+    """Calibrate the servos. If it ends early, they get their previous calibration again.
+
+    Args:
+        setup: The servos.
+        person: The user interface.
+        whole_turn: Keys of joints without an end, which get the whole turn.
+        inverted: Keys of joints with drive mode 1.
+        max_offset: The largest value that the homing offset register can hold.
+
+    Returns:
+        The calibration that was written, by joint.
+
+    Raises:
+        WireDown: A servo does not answer, or did not keep a value.
+        ValueError: A joint was not moved as required.
+    """
     await setup.open()
     before = {axis.key: await _patiently(partial(setup.read_calibration, axis)) for axis in setup.axes}
     try:
@@ -76,13 +89,13 @@ async def _calibrate(
 
 
 async def _record(setup: Setup[Any], person: Person, ranges: Ranges, text: str) -> None:
-    """Take positions up until the person is done."""
+    """Record positions until the person has finished."""
     failures: list[Exception] = []
 
     async def first(work: Callable[[], Awaitable[None]], scope: trio.CancelScope) -> None:
         try:
             await work()
-        except Exception as failure:  # raised below: a nursery would put it into a group
+        except Exception as failure:  # It is raised below, because a nursery would put it into a group.
             failures.append(failure)
         scope.cancel()
 
@@ -100,7 +113,7 @@ async def _record(setup: Setup[Any], person: Person, ranges: Ranges, text: str) 
 
 
 async def _patiently(ask: Callable[[], Awaitable[Told]]) -> Told:
-    """Ask again for a while. Raise ``WireDown`` of the last time."""
+    """Repeat a request for ``PATIENCE_S``. Raise the last ``WireDown``."""
     until_s = trio.current_time() + PATIENCE_S
     while True:
         try:
@@ -112,7 +125,7 @@ async def _patiently(ask: Callable[[], Awaitable[Told]]) -> Told:
 
 
 async def _write(setup: Setup[Any], wanted: dict[str, MotorCalibration]) -> None:
-    """To every servo, and read back."""
+    """Write a calibration to every servo, and read it back."""
     for axis in setup.axes:
         await _patiently(partial(setup.unlock, axis))
         await _patiently(partial(setup.write_calibration, axis, wanted[axis.key]))

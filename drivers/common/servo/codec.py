@@ -1,4 +1,4 @@
-"""What the shared code needs of a protocol: the ``protocol`` module of each wire is a ``Codec``."""
+"""The protocol that the shared code needs. The ``protocol`` module of each wire is a ``Codec``."""
 
 from __future__ import annotations
 
@@ -9,36 +9,40 @@ from strands_actors.drivers.common.half_duplex import Decoder, PacketT_co
 
 
 class Field(Protocol):
-    """A register, to a reader."""
+    """A register, as a reader sees it."""
 
     @property
     def address(self) -> int: ...
     @property
     def size(self) -> int: ...
     def decode(self, data: bytes, base: int | None = None) -> int:
-        """Return the value in ``data``, a block read from address ``base`` (default: the register's
-        own)."""
+        """Return the value in a block of registers.
+
+        Args:
+            data: The block.
+            base: Its address. The default is the address of this register.
+        """
         ...
 
 
 class Codec(Protocol[PacketT_co]):
-    """Constants, and functions that make frames."""
+    """Constants of a protocol, and functions that make its frames."""
 
     @property
     def BROADCAST(self) -> int: ...
     @property
     def OVERHEAD(self) -> int:
-        """Return the bytes of a reply that has no params."""
+        """Bytes of a reply without params."""
         ...
 
     @property
     def LIMP(self) -> bytes:
-        """Torque off on every servo."""
+        """Frame that switches off the torque of every servo."""
         ...
 
     @property
     def RESYNC(self) -> bytes:
-        """Makes a parser that is inside a torn header begin anew."""
+        """Bytes after which a parser that is inside a torn header starts again."""
         ...
 
     @property
@@ -57,9 +61,10 @@ class Codec(Protocol[PacketT_co]):
     def sync_read(self, ids: Sequence[int], address: int, size: int) -> bytes: ...
     def torque(self, servo_id: int, on: bool) -> bytes: ...
     def goals(self, counts: Mapping[int, int]) -> bytes:
-        """One setpoint for all."""
+        """Return one frame with the goals of all servos, counts by id."""
         ...
 
     def hold(self, positions: Mapping[int, int]) -> bytes:
-        """Goals := the measured positions, in a frame that the log can tell from a setpoint."""
+        """Return one frame that sets the goals to the measured positions, counts by id. The log can tell it
+        from a setpoint."""
         ...

@@ -1,4 +1,4 @@
-"""What the wire and the stop channel of position servos know of their robot."""
+"""The configuration of a robot of position servos, for its wire and its stop channel."""
 
 from __future__ import annotations
 
@@ -19,13 +19,13 @@ class ServoConfig(msgspec.Struct, frozen=True):
     calibration: Mapping[str, MotorCalibration] | None
     calibration_source: str
     timeout_s: float = 0.5
-    """How long the whole bus may be silent before it counts as lost."""
+    """How long the whole bus may be silent before it counts as lost, in seconds."""
     others: tuple[int, ...] = ()
-    """Ids of servos on this bus that are the robot's and not driven."""
+    """Ids of servos on this bus that belong to the robot and are not driven."""
     modes: Mapping[str, int] = {}
-    """Operating modes of its servos, by joint, where a protocol has several."""
+    """Operating mode of each servo, by joint, if the protocol has several."""
     passive: bool = False
-    """Whether it is a leader arm: its wire energises nothing and takes no target."""
+    """True for a leader arm. Its wire energises nothing and takes no target."""
 
     @property
     def ids(self) -> tuple[int, ...]:

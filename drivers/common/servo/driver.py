@@ -1,4 +1,4 @@
-"""A robot of position servos on a serial bus, declared: everything but the protocol and the
+"""The driver of a robot of position servos on a serial bus. It declares everything but the protocol and the
 firmware."""
 
 from __future__ import annotations
@@ -29,13 +29,13 @@ TIMEOUT_S = 0.5
 LONGEST_TIMEOUT_S = 10.0
 SHORTEST_TIMEOUT_S = 0.1
 LAST_ID = 252
-"""Both protocols keep the ids above for all servos, and for errors."""
+"""Largest id of a servo. Both protocols reserve the ids above for broadcasts and errors."""
 
 NO_CALIBRATION = "none: the travel of its model"
 
 
 class ServoOptions(DriverOptions, frozen=True):
-    """The constructor keywords of such a driver. ``resolve`` checks them: what is right depends on the
+    """The constructor keywords of a servo driver. ``resolve`` checks them, since valid values depend on the
     robot's servos."""
 
     calibration: Annotated[
@@ -68,6 +68,13 @@ class ServoOptions(DriverOptions, frozen=True):
 
 
 class ServoDriver(Driver):
+    """Base of the drivers of servo buses.
+
+    A subclass provides the class variables without a value: the robots' tables, speeds of the bus, rules
+    for calibrations, and the codes of faults. It also adds what ``Driver`` requires for its wire and its
+    stop channel. It gets options, axes, gates, calibration and caveats from here.
+    """
+
     PORT_KIND: ClassVar[Literal["serial", "address"]] = "serial"
     TOOL_VERBS: ClassVar[tuple[ToolVerb, ...]] = (STATUS, SENSORS, MOVE_TO, SET_TORQUE, STOP)
     OPTIONS: ClassVar[Mapping[str, str]] = meanings(ServoOptions)
@@ -76,23 +83,23 @@ class ServoDriver(Driver):
     BAUD_RATES: ClassVar[tuple[int, ...]]
     DEFAULT_BAUD: ClassVar[int]
     MAX_OFFSET: ClassVar[int]
-    """What the homing offset register can hold."""
+    """The largest value that the homing offset register can hold."""
     HOST_INVERTS: ClassVar[bool]
-    """Whether the host applies drive mode 1 of a calibration (lerobot's rule for this servo)."""
+    """True if the host applies drive mode 1 of a calibration (lerobot's rule for this servo)."""
     LEROBOT_TYPES: ClassVar[Mapping[str, tuple[str, ...]]] = {}
-    """Folder names of lerobot beside the robot's own name and aliases: the present one."""
+    """lerobot's present folder names for a robot, in addition to the robot's name and aliases."""
     SETUP: ClassVar[str]
-    """``module:class`` of what gives servos their ids and calibration (``setup.py``)."""
+    """``module:class`` that gives servos their ids and their calibration (``setup.py``)."""
     CALIBRATIONS: ClassVar[str] = lerobot.ROBOTS
-    """The folder of lerobot that those are in."""
+    """lerobot's folder of these calibrations."""
     FAULT_CODES: ClassVar[Mapping[str, MotorCode]]
-    """What a motor reports -> the code of the refusal."""
+    """The code of the refusal, by the word that a motor reports."""
 
     config: ServoConfig
     unit = "degrees (gripper: percent open)"
     timing = Timing(
         control_hz=30.0,
-        keepalive_s=0.05,  # a sync write is never acknowledged: a re-send heals a frame the bus lost
+        keepalive_s=0.05,  # A sync write is never acknowledged. Sending it again replaces a lost frame.
         stream_ttl_s=0.1,
         oneshot_ttl_s=None,
         state_ttl_s=0.3,
@@ -158,7 +165,7 @@ class ServoDriver(Driver):
 
     def preload(self) -> None:
         super().preload()
-        importlib.import_module("serial")  # the root may have to open the port itself
+        importlib.import_module("serial")  # The root may have to open the port itself.
 
     def model_units(self) -> tuple[tuple[float, float], ...]:
         return tuple((axis.value(MIDDLE), COUNTS_PER_RADIAN / axis.scale) for axis in self.joints)
@@ -183,16 +190,19 @@ class ServoDriver(Driver):
 
     @classmethod
     def lerobot_types(cls, robot: str) -> tuple[str, ...]:
-        """Return the names of a robot under which lerobot may have a calibration of it, the present
-        one first: there a new one is put."""
+        """Return the names under which lerobot may have a calibration of a robot. The first is the present
+        one, where a new calibration is written."""
         others = tuple(alias for alias, name in cls.TABLES.aliases.items() if name == robot)
         present = cls.TABLES.robots[robot].get("lerobot", cls.LEROBOT_TYPES.get(robot, ()))
         return tuple(dict.fromkeys((*present, robot, *others)))
 
     @classmethod
     def calibration_file(cls, robot: str, robot_id: str) -> Path:
-        """Return where lerobot looks for the calibration of one robot. Raise ``ValueError`` for an id
-        that names no file."""
+        """Return the path of lerobot's calibration file of one robot.
+
+        Raises:
+            ValueError: The id cannot be the name of a file.
+        """
         lerobot.require_id(robot_id)
         return lerobot.folder() / cls.CALIBRATIONS / cls.lerobot_types(robot)[0] / f"{robot_id}.json"
 

@@ -1,5 +1,5 @@
-"""What is refused before it reaches a bus of servos. Every gate is a pure function of the candidate
-and the state; nothing is ever clipped."""
+"""Gates of servo buses. Every gate is a pure function of the candidate and the state, and never clips a
+value."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ from strands_actors.kernel.messages import Refused
 from strands_actors.kernel.refusals import Code
 
 MAX_JUMP_DEG = 90.0
-"""How far one command may send a joint, unless its user says otherwise. A servo goes there at its top
-speed: a quarter of a turn takes a quarter of a second. What people send from hand to hand is less, and
-a typo is often more (200 for 20). A gripper, in percent, has no such limit: it opens in one command."""
+"""Largest way of a joint by one command, unless the user sets another. A servo goes there at its top speed:
+a quarter of a turn takes a quarter of a second. Commands by hand are usually smaller, and a typo is often
+larger (200 for 20). A gripper, in percent, has no such limit: it opens by one command."""
 NO_MAX_JUMP_DEG = 360.0
 """More than any joint turns."""
 
@@ -26,12 +26,20 @@ def all_gates(
     fault_codes: Mapping[str, MotorCode],
     max_jump_deg: float = MAX_JUMP_DEG,
 ) -> tuple[GateCheck, ...]:
-    """Return the gates in the order in which they are asked: the first that refuses answers. A
-    one-shot names where to go, not how fast: the servo's own top speed bounds it, and
-    ``max_jump_deg`` how far. ``fault_codes``: as ``motor_fault`` takes them."""
+    """Return the gates in the order of the checks. The first that refuses gives the answer.
+
+    A single command has a target but no speed. The servo's top speed bounds its speed, and
+    ``max_jump_deg`` its way.
+
+    Args:
+        axes: The axes.
+        state_ttl_s: Oldest reading that counts, in seconds.
+        fault_codes: As for ``motor_fault``.
+        max_jump_deg: Longest way of a single command, in degrees.
+    """
     return (
-        # The limits in a servo's own registers may be narrower than the range of its model: it would
-        # stand still without a word, or stop on the way.
+        # The limits in the registers of a servo may be narrower than the range of its model. Beyond them
+        # the servo would stand still without an error, or stop on the way.
         past_told_range(axes, "travel_low", "travel_high", untold=past_range(axes)),
         stale(axes, state_ttl_s),
         voltage(axes),
@@ -43,8 +51,8 @@ def all_gates(
 
 
 def jumps(axes: Axes, most_deg: float) -> GateCheck:
-    """Refuse a command on its own that sends a joint further than ``most_deg`` from where it is. The
-    commands of a stream are judged by their steps."""
+    """Refuse a single command that sends a joint further than ``most_deg`` from its position. The commands of a
+    stream are checked by their steps."""
 
     def jumps(candidate: Candidate, state: GateState) -> Refused | None:
         if state.stream:
@@ -63,7 +71,7 @@ def jumps(axes: Axes, most_deg: float) -> GateCheck:
 
 
 def voltage(axes: Axes) -> GateCheck:
-    """Refuse to move a servo whose supply is outside its own limits."""
+    """Refuse to move a servo with a supply outside the servo's limits."""
 
     def voltage(candidate: Candidate, state: GateState) -> Refused | None:
         for at, (volt, low, high) in _readings(
@@ -83,7 +91,7 @@ def voltage(axes: Axes) -> GateCheck:
 
 
 def temperature(axes: Axes) -> GateCheck:
-    """Refuse to move a servo that is as hot as its own limit."""
+    """Refuse to move a servo at or above the servo's limit of temperature."""
 
     def temperature(candidate: Candidate, state: GateState) -> Refused | None:
         for at, (celsius, high) in _readings(candidate, state.observation, "temperature_c", "temperature_max_c"):
@@ -101,9 +109,15 @@ def temperature(axes: Axes) -> GateCheck:
 
 
 def motor_fault(axes: Axes, codes: Mapping[str, MotorCode]) -> GateCheck:
-    """Refuse to move a motor that reports a fault, as words in ``faults``. ``codes``: word -> code
-    of the refusal; the first word that has one decides, also what to do. Silence is not
-    judged here: ``stale`` gives it time to come back."""
+    """Refuse to move a motor that reports a fault.
+
+    Silence is not checked here, because ``stale`` gives a motor time to come back.
+
+    Args:
+        axes: The axes.
+        codes: The code of the refusal, by word in ``Observation.faults``. The first word with a code
+            decides, and its code has the remedy.
+    """
 
     def motor_fault(candidate: Candidate, state: GateState) -> Refused | None:
         faults = state.observation.faults
@@ -117,10 +131,10 @@ def motor_fault(axes: Axes, codes: Mapping[str, MotorCode]) -> GateCheck:
             code = next((codes[word] for word in words if word in codes), MotorCode.FAULT)
             why = ", ".join(word for word in words if word != "limp")
             if code == MotorCode.LIMP or "limp" in words:
-                said = f"is limp ({why})" if why else "is limp"
+                state_text = f"is limp ({why})" if why else "is limp"
             else:
-                said = f"reports {why}"
-            return Refused(code, f"{axes[at].key} {said}", code.remedy, ", ".join(words), "no fault")
+                state_text = f"reports {why}"
+            return Refused(code, f"{axes[at].key} {state_text}", code.remedy, ", ".join(words), "no fault")
         return None
 
     return motor_fault

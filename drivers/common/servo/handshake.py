@@ -1,5 +1,5 @@
-"""Handshake: who is on the bus, is it the robot we were told, and is it the one that was
-calibrated."""
+"""The handshake with a bus of servos: find all servos, and check that they are those of this robot and of
+its calibration."""
 
 from __future__ import annotations
 
@@ -15,16 +15,16 @@ from .axes import Axis
 from .codec import Codec
 
 PING_S = 0.15
-"""A servo answers within its return delay (0.5 ms); the rest is for the adapter and a busy host.
-Only a missing servo costs it, as ``ANSWER_S``."""
+"""Timeout of a ping. A servo answers within its return delay (0.5 ms); the rest is for the adapter and a busy
+host. Only a missing servo costs this time, as with ``ANSWER_S``."""
 
 PINGS = 2
-"""A byte lost to noise is no missing servo, nor a damaged one two servos."""
+"""Number of pings. A byte lost to noise must not look like a missing servo, nor a damaged one like two."""
 
 PING_SILENCE_S = 0.004
 ROLL_CALL_S = 0.05
 ROLL_CALL_SLOT_S = 0.003
-"""A broadcast ping: servos answer one after the other, in slots by id (assumed, after lerobot's
+"""Slot of one id after a broadcast ping: servos answer one after the other, by id (assumed, after lerobot's
 wait)."""
 
 ANSWER_S = 0.25
@@ -38,8 +38,19 @@ async def roll_call(
     where: str,
     others: Collection[int] = (),
 ) -> None:
-    """Ping each servo, then all at once. Raise ``WireDown`` naming missing, double and foreign
-    servos; ``others`` may be there."""
+    """Ping each servo, then all at once.
+
+    Args:
+        bus: The bus.
+        codec: Its protocol.
+        robot: The name of the robot.
+        axes: Its joints.
+        where: The port, for messages.
+        others: Ids of further servos that may be there.
+
+    Raises:
+        WireDown: Servos are missing, answer twice, or are foreign. The text names them.
+    """
     heard: Counter[int] = Counter()
     garbled: set[int] = set()
     late_s = 0.0
@@ -81,8 +92,8 @@ async def roll_call(
 async def _ping(
     bus: HalfDuplexBus[Any], request: bytes, first_s: float, silence_s: float, motor: int
 ) -> list[Packet]:
-    """Return what was heard; asked again after an answer that is missing or damaged, and once more
-    when this host was late."""
+    """Return the answers to a ping. Ping again after a missing or damaged answer, and once more if this host
+    was late."""
     tries = PINGS
     while True:
         answers: list[Packet] = await bus.listen(request, first_s, silence_s)
@@ -100,7 +111,7 @@ def too_busy(late_s: float, what: str) -> str:
 
 
 def check_model(axis: Axis, servo_id: int, model: int, codec: Codec[Packet]) -> None:
-    """Refuse a servo that is not the one of the table."""
+    """Raise ``WireDown`` unless the servo has the model and the id of the table."""
     number = next((number for number, name in codec.MODEL_NUMBERS.items() if name == axis.model), None)
     if number is not None and model != number:
         name = codec.MODEL_NUMBERS.get(model, f"model {model}")
@@ -110,7 +121,8 @@ def check_model(axis: Axis, servo_id: int, model: int, codec: Codec[Packet]) -> 
 
 
 def check_calibration(axis: Axis, motor: MotorCalibration, found: dict[str, int]) -> None:
-    """Refuse a servo that is not the one that was calibrated. ``found``: by field of the file."""
+    """Raise ``WireDown`` unless the servo is the one that was calibrated. ``found`` has its values, by field
+    of the file."""
     for field, value in found.items():
         filed = getattr(motor, field)
         if filed != value:
@@ -121,8 +133,8 @@ def check_calibration(axis: Axis, motor: MotorCalibration, found: dict[str, int]
 
 
 async def ask(bus: HalfDuplexBus[PacketT], request: bytes, expected: Mapping[int, int]) -> dict[int, PacketT]:
-    """Return the replies to a read; asked once more when this host, not a servo, may be why one is
-    missing."""
+    """Return the replies to a read. Repeat it once if a reply is missing and this host, not a servo, may be
+    the reason."""
     replies = await bus.transact(request, expected, ANSWER_S, wait=True)
     if bus.starved and len(replies) + len(bus.refusals) < len(expected):
         replies = await bus.transact(request, expected, ANSWER_S, wait=True)
@@ -130,7 +142,7 @@ async def ask(bus: HalfDuplexBus[PacketT], request: bytes, expected: Mapping[int
 
 
 async def block(bus: HalfDuplexBus[PacketT], codec: Codec[PacketT], axis: Axis, address: int, size: int) -> bytes:
-    """Registers of one servo. Raise ``WireDown``."""
+    """Return registers of one servo. Raise ``WireDown`` if it does not answer."""
     replies = await ask(bus, codec.read(axis.id, address, size), {axis.id: size})
     if axis.id not in replies:
         raise WireDown(_unanswered(bus, axis, f"a read of register {address}"))
@@ -138,14 +150,14 @@ async def block(bus: HalfDuplexBus[PacketT], codec: Codec[PacketT], axis: Axis, 
 
 
 async def command(bus: HalfDuplexBus[Any], axis: Axis, request: bytes, what: str) -> None:
-    """One acknowledged write; ``what``: for people. Raise ``WireDown``."""
+    """Make one acknowledged write. ``what`` names it in a message. Raise ``WireDown``."""
     replies = await bus.transact(request, {axis.id: 0}, ANSWER_S, wait=True)
     if axis.id not in replies:
         raise WireDown(_unanswered(bus, axis, what))
 
 
 def untold(bus: HalfDuplexBus[Any], who: str, what: str) -> str:
-    """Return why arming fails: servos do not tell what they are asked for."""
+    """Return the message of a failed arming, in which servos did not report a value."""
     if bus.starved:
         return f"arm: {too_busy(bus.late_s, f'{what} of {who}')}"
     why = f" ({', '.join(bus.refusals.values())})" if bus.refusals else ""

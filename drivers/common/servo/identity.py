@@ -1,4 +1,4 @@
-"""What any servo says of itself when its wire is opened, as gates and status take it."""
+"""The values that any servo reports when its wire is opened, in the form that gates and status need."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from .axes import Axis
 
 
 class Identity(Protocol):
-    """Each wire's own has more."""
+    """The values of one servo. The class of each wire has more."""
 
     @property
     def model_name(self) -> str: ...
@@ -17,7 +17,7 @@ class Identity(Protocol):
     def firmware(self) -> object: ...
     @property
     def travel(self) -> tuple[int, int]:
-        """Lowest and highest goal it takes, counts."""
+        """Lowest and highest goal that the servo takes, in counts."""
 
     @property
     def min_voltage_v(self) -> float: ...
@@ -34,8 +34,11 @@ class Identity(Protocol):
 
 
 def limits_of(axes: Sequence[Axis], servos: Sequence[Identity]) -> dict[str, tuple[float, ...]]:
-    """For the gates, as sensors that do not change: in the order of the axes. ``travel_low``,
-    ``travel_high``: of the joint and of its servo the narrower, in the joint's unit."""
+    """Return the limits of the servos for the gates, as sensors that do not change, in axis order.
+
+    ``travel_low`` and ``travel_high`` are the narrower range of the joint and its servo, in the joint's
+    unit.
+    """
     travel = [_travel(axis, servo) for axis, servo in zip(axes, servos, strict=True)]
     return {
         "travel_low": tuple(low for low, _ in travel),
@@ -53,7 +56,7 @@ def _travel(axis: Axis, servo: Identity) -> tuple[float, float]:
 
 
 def facts_of(servos: Mapping[str, Identity]) -> dict[str, dict[str, object]]:
-    """For ``status``. ``servos`` and what is returned: by axis key."""
+    """Return the facts for ``status``, by name and axis key. ``servos`` is by axis key."""
     return {
         "model": {key: servo.model_name for key, servo in servos.items()},
         "firmware": {key: servo.firmware for key, servo in servos.items()},

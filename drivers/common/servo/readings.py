@@ -1,4 +1,4 @@
-"""The newest of everything that servos report, per axis, and the ``Observation`` made of it."""
+"""Keep the newest value of everything that servos report, per axis, and make an ``Observation`` of it."""
 
 from __future__ import annotations
 
@@ -14,33 +14,40 @@ from strands_actors.kernel.clock import NS
 from .axes import Axis
 
 STILL_COUNTS = 11
-"""One degree: a joint that may have gone further since it was read is not where it was."""
+"""One degree. A joint that may have moved further since it was read counts as having an unknown position."""
 
 SET_OFF_NS = 50_000_000
-"""Until then after a new goal the speed that a servo tells is not the one it will have [assumed: it
-is up to speed by then]."""
+"""For so long after a new goal, the reported speed is not the one that the servo will have [assumed: by
+then the servo has reached it]."""
 
 STANDING = 20.0
-"""Counts a second: a joint that is no faster stands, 2 degrees a second."""
+"""Counts per second, 2 degrees per second. A joint that is no faster stands."""
 
 _NAN = math.nan
 
 
 class Sample(NamedTuple):
-    """What one reply says."""
+    """The values in one reply."""
 
     position: int  # counts
     velocity: float  # counts per second
-    sensors: tuple[float, ...]  # as ``Readings.SENSORS``
-    words: str = ""  # what the servo complains of
-    energised: bool | None = None  # None: the reply does not say
+    sensors: tuple[float, ...]  # in the order of ``Readings.SENSORS``
+    words: str = ""  # faults that the servo reports
+    energised: bool | None = None  # None: not in the reply
 
 
 class Readings(ABC, Generic[PacketT]):
-    """``limits``: rows of constants that go with every observation, in axis order."""
+    """The newest values of all servos of a bus.
+
+    A subclass names its rows in ``SENSORS`` and decodes a reply in ``sample``.
+
+    Args:
+        axes: The axes.
+        limits: Rows of constants for every observation, in axis order.
+    """
 
     SENSORS: tuple[str, ...]
-    """Names of the rows, with their unit."""
+    """Names of the rows of sensors, each with its unit."""
 
     def __init__(self, axes: Sequence[Axis], limits: Mapping[str, tuple[float, ...]]) -> None:
         count = len(axes)
@@ -53,11 +60,12 @@ class Readings(ABC, Generic[PacketT]):
         self._words: dict[int, str] = {}
         self._asked_ns: dict[int, int] = {}
         self._speed: dict[int, float] = {}
-        self._stands_since_ns: dict[int, int] = {}  # when it was first asked of those readings that say so
+        # Request time of the first of the latest readings in which the joint stands.
+        self._stands_since_ns: dict[int, int] = {}
         self.counts: dict[int, int] = {}
-        """Last measured position by id, however old."""
+        """The last measured position by id, of any age."""
         self.limp: set[int] = set()
-        """Ids of those that had no torque when they last said so."""
+        """Ids of servos without torque, by their last report."""
 
     @abstractmethod
     def sample(self, axis: Axis, reply: PacketT, base: int) -> Sample:
@@ -71,7 +79,15 @@ class Readings(ABC, Generic[PacketT]):
         now_ns: int,
         refusals: Mapping[int, str] | None = None,
     ) -> None:
-        """``asked_ns``: when they were asked, so not before that did they measure."""
+        """Take the replies to one request.
+
+        Args:
+            replies: By id.
+            base: The address of the block that was read.
+            asked_ns: When the request was sent. The servos have measured after that.
+            now_ns: The time.
+            refusals: Errors by id.
+        """
         for at, axis in enumerate(self._axes):
             if refusals and axis.id in refusals:
                 self._words[axis.id] = refusals[axis.id]
@@ -96,11 +112,18 @@ class Readings(ABC, Generic[PacketT]):
                 (self.limp.discard if sample.energised else self.limp.add)(axis.id)
 
     def known(self, since_ns: int, now_ns: int, goals: Mapping[int, int], aimed_ns: int) -> dict[int, int]:
-        """Return positions by id of those that have torque, were asked since then, and cannot have
-        gone far meanwhile. ``goals``: what they were last told, at ``aimed_ns``: who was asked
-        before it had set off is on its way now. So is who has just begun to stand far from its goal:
-        a servo that was reset, and is energised again by a goal that was re-sent. One that is blocked
-        stands for longer."""
+        """Return the positions, by id, of servos that have torque and cannot have moved far since.
+
+        A servo that was asked before it had started towards its goal is on its way now. So is a servo that
+        has just begun to stand far from its goal, because it was reset and a repeated goal has energised it
+        again. A blocked servo stands for longer.
+
+        Args:
+            since_ns: Leave out servos that were asked before.
+            now_ns: The time.
+            goals: The last goals, counts by id.
+            aimed_ns: When they were sent.
+        """
         return {
             motor: count
             for motor, count in self.counts.items()
@@ -114,7 +137,7 @@ class Readings(ABC, Generic[PacketT]):
         }
 
     def energised(self) -> None:
-        """All of them, as was read back."""
+        """Note that all servos have torque, as was read back."""
         self.limp.clear()
 
     def observation(self, now_ns: int, silent: Sequence[int], armed: bool) -> Observation:

@@ -1,4 +1,4 @@
-"""Making every servo safe and proving it. Shared by the wire and by the root's stop channel."""
+"""Make every servo safe, and prove it. The wire and the root's stop channel share this code."""
 
 from __future__ import annotations
 
@@ -19,21 +19,21 @@ from .config import ServoConfig
 from .readings import STILL_COUNTS
 
 LIMP = "limp"
-"""Detail of a motor that was to hold and has no torque: not safe, nor driven."""
+"""Detail of a motor that should hold and has no torque. It is not safe, but not driven either."""
 
 ATTEMPTS = 3
 ANSWER_S = 0.04
 AT_ONCE_S = 0.005
-"""What servos (0.5 ms each) and a quick adapter add to the time that bytes need. A joint at 5.8
-rad/s turns by 1.7 degrees meanwhile."""
+"""Time that servos (0.5 ms each) and a quick adapter need beyond the bytes on the line. A joint at 5.8 rad/s
+turns by 1.7 degrees meanwhile."""
 CONFIRM_S = 1.0
-"""Limit of the whole confirmation. A silent servo costs the answer's time and the quiet time, 0.14
-s, twice an attempt: three attempts fit. More than ``read`` allows: here a false alarm is worse than
-a late one."""
+"""Longest time of the whole confirmation. A silent servo costs the time of an answer and the quiet time, 0.14
+s, twice per attempt, so three attempts fit. It is more than ``read`` allows, since a false alarm is worse
+here than a late one."""
 
 
 class Tally:
-    """What is known so far of each motor."""
+    """The results so far, per motor."""
 
     def __init__(self, axes: Sequence[Axis]) -> None:
         self._axes = axes
@@ -43,7 +43,7 @@ class Tally:
         self._detail = {axis.id: "silent" for axis in axes}
 
     def open(self) -> tuple[int, ...]:
-        """Ids not yet confirmed."""
+        """Return the ids of motors that are not confirmed yet."""
         return tuple(axis.id for axis in self._axes if axis.id not in self._safe)
 
     def answered(self, motor: int, safe: bool, detail: str) -> None:
@@ -61,7 +61,7 @@ class Tally:
             self._detail[motor] = why
 
     def reports(self, goals: Mapping[int, int] | None = None) -> tuple[MotorReport, ...]:
-        """``goals``: what each was told to hold, counts by id."""
+        """Return the reports. ``goals`` are the positions at which the motors should hold, counts by id."""
         held = goals or {}
         return tuple(
             MotorReport(
@@ -85,16 +85,23 @@ def unreachable(axes: Sequence[Axis], why: str, written: bool = False) -> tuple[
 
 
 class Safing(Generic[PacketT]):
-    """``travel``: id -> lowest and highest goal the servo takes. We clamp to it, so that what is
-    read back can be compared."""
+    """Makes the servos of one bus safe. A subclass sets the class variables for its protocol.
+
+    Args:
+        bus: The bus.
+        codec: Its protocol.
+        axes: The axes.
+        travel: Lowest and highest goal that each servo takes, by id. Goals are clamped to it, so that they
+            can be compared with the goals that are read back.
+    """
 
     REPEATS: ClassVar[int]
     REPEAT_S: ClassVar[float]
-    """The first safe frame is sent again, so often and so far apart: a servo that was just sending
-    its reply talked over it, and by the last one all have finished."""
+    """How often and how far apart the first safe frame is sent again. A servo that is just sending its reply
+    misses the frame; by the last repetition all have finished."""
 
     ANYWHERE: ClassVar[tuple[int, int]]
-    """The travel of a servo that has not said its own."""
+    """The travel of a servo that has not reported one."""
 
     def __init__(
         self,
@@ -114,11 +121,11 @@ class Safing(Generic[PacketT]):
 
     @property
     def port_took_a_frame(self) -> bool:
-        """Return whether the port took anything, be it a question: then it is not the port that fails."""
+        """True if the port has taken any frame, even a request. The port then works."""
         return self._bus.sent > 0
 
     def goals(self, counts: Mapping[int, int]) -> dict[int, int]:
-        """Return the counts a servo will report as its goal when told to stay at ``counts``."""
+        """Return the goals that servos will report when they are sent ``counts``."""
         clamped = {}
         for motor, count in counts.items():
             low, high = self._travel.get(motor, self.ANYWHERE)
@@ -126,8 +133,13 @@ class Safing(Generic[PacketT]):
         return clamped
 
     def holds(self, block: bytes, base: int, goal: int | None) -> str:
-        """Empty when a servo with these registers, from torque to goal, stays where it is; else
-        what it does."""
+        """Return why a servo does not hold; empty if it does.
+
+        Args:
+            block: Its registers from torque to goal.
+            base: The address of the first.
+            goal: The goal that it should have; None if its position is unknown.
+        """
         if self._codec.TORQUE_ENABLE.decode(block, base) == 0:
             return LIMP
         if goal is None:
@@ -136,15 +148,18 @@ class Safing(Generic[PacketT]):
         return "" if there == goal else f"goal is {there}, not {goal}"
 
     async def shout(self) -> bool:
-        """Torque off everywhere, to whoever hears it: nothing is asked. Whether it left. Never
-        raises."""
+        """Switch off all torque, without asking for an answer. Never raises.
+
+        Returns:
+            True if the frame has left.
+        """
         tally = Tally(self._axes)
-        with contextlib.suppress(WireDown):  # of a dead port; a part of it may have left
+        with contextlib.suppress(WireDown):  # The port is dead. A part of the frame may have left.
             await self._burst(self._codec.LIMP, tally)
         return tally.written
 
     async def limp(self) -> tuple[MotorReport, ...]:
-        """Torque off everywhere. Never raises."""
+        """Switch off all torque, and confirm it for each servo. Never raises."""
         tally = Tally(self._axes)
         try:
             await self._burst(self._codec.LIMP, tally)
@@ -165,12 +180,18 @@ class Safing(Generic[PacketT]):
         kept: Mapping[int, int] | None = None,
         tell: Callable[[Mapping[int, int]], None] = lambda _: None,
     ) -> tuple[MotorReport, ...]:
-        """Goals := positions. ``known``: where those that have torque are now. ``kept``: the last
-        goals of those that have torque, told again to the others, since a goal from an older
-        reading would move them. Both go out at once; then the others are asked where they are, and
-        held there. One that does not answer keeps its last goal, and one without torque gets none:
-        a goal may energise it. ``tell`` hears of all goals that leave, since a hold that is cut
-        short makes no report. Never raises."""
+        """Set the goals to the positions, and confirm them. Never raises.
+
+        The goals from ``known`` and ``kept`` leave at once. Then the other servos are asked for their
+        positions, and held there. A servo that does not answer keeps its last goal. A servo without torque
+        gets no goal, since a goal may energise it.
+
+        Args:
+            known: The present positions of servos with torque, counts by id.
+            kept: The last goals of servos with torque. They are sent again to servos that are not in
+                ``known``, because a goal from an older reading would move those.
+            tell: Called with all goals before they leave, since a hold that is cut short makes no report.
+        """
         tally = Tally(self._axes)
         goals = self.goals(known)
         told = {**(kept or {}), **goals}
@@ -193,7 +214,7 @@ class Safing(Generic[PacketT]):
     async def _hold_others(
         self, goals: dict[int, int], tally: Tally, tell: Callable[[Mapping[int, int]], None]
     ) -> None:
-        """Ask those without a goal where they are, and hold them there."""
+        """Ask servos without a goal for their positions, and hold them there."""
         if lacking := [motor for motor in tally.open() if motor not in goals]:
             found = self.goals(await self._read_places(lacking, tally))
             goals |= found
@@ -202,14 +223,16 @@ class Safing(Generic[PacketT]):
                 await self._burst(self._codec.hold(found), tally)
 
     async def _burst(self, frame: bytes, tally: Tally) -> None:
-        """What waits to leave is thrown away, which can cut a frame in two, as can the death of its
-        writer: the servos then take our first bytes for its rest. RESYNC and enough copies to
-        outlast the longest frame, and their parsers have found a header again before the last
-        one."""
+        """Write a safe frame so that servos read it in spite of torn frames.
+
+        Waiting output is thrown away first. That can cut a frame in two, and so can the death of its
+        writer. The servos then take the first bytes for the rest of that frame. RESYNC and enough copies to
+        outlast the longest frame let their parsers find a header before the last copy.
+        """
         try:
             self._bus.port.discard_output()
         except WireDown as error:
-            tally.failed(str(error))  # worth writing all the same
+            tally.failed(str(error))  # The write is tried all the same.
         self._bus.send(self._codec.RESYNC + frame * (self._longest // len(frame) + 2))
         tally.written = True
         for _ in range(self.REPEATS):
@@ -229,7 +252,7 @@ class Safing(Generic[PacketT]):
         self._note_missing(ids, replies, tally)
 
     async def _insist(self, motor: int, tally: Tally) -> None:
-        """One motor alone: torque off with its acknowledgement, then read back."""
+        """Switch off the torque of one motor, with an acknowledgement, and read it back."""
         register = self._codec.TORQUE_ENABLE
         for request, size in (
             (self._codec.torque(motor, False), 0),
@@ -242,8 +265,8 @@ class Safing(Generic[PacketT]):
         tally.answered(motor, replies[motor].params[0] == 0, "still energised")
 
     async def _read_places(self, ids: Sequence[int], tally: Tally) -> dict[int, int]:
-        """Return where they are. An answer that was long on its way tells where a joint was: then
-        who has gone on since, by a second answer, is left out."""
+        """Return the present positions by id. A reply that took long has an old position. Then positions are
+        read again, and joints that have moved since are left out."""
         found = await self._read_positions(ids, tally)
         if found and self._bus.delay_s > AT_ONCE_S:
             again = await self._read_positions(list(found), tally)
@@ -251,7 +274,7 @@ class Safing(Generic[PacketT]):
         return found
 
     async def _read_positions(self, ids: Sequence[int], tally: Tally) -> dict[int, int]:
-        """Of those that have torque."""
+        """Return the positions of servos with torque, by id."""
         torque, position = self._codec.TORQUE_ENABLE, self._codec.POSITION
         base = torque.address
         replies = await self._ask(ids, base, position.address + position.size - base)
@@ -272,7 +295,7 @@ class Safing(Generic[PacketT]):
             detail = self.holds(reply.params, address, goals.get(motor))
             tally.answered(motor, not detail, detail)
             if detail == LIMP:
-                goals.pop(motor, None)  # it is not told again
+                goals.pop(motor, None)  # No goal is sent to it again.
         self._note_missing(ids, replies, tally)
 
     async def _ask(self, ids: Sequence[int], address: int, size: int) -> dict[int, PacketT]:
@@ -291,6 +314,6 @@ class Safing(Generic[PacketT]):
 def safing_on(
     port: BytePort, config: ServoConfig, codec: Codec[PacketT], safing: type[Safing[PacketT]], clock: Clock
 ) -> Safing[PacketT]:
-    """Return the safing on a port about which nothing is known."""
+    """Return the safing of a port, without any knowledge of its servos."""
     bus = HalfDuplexBus(port, codec.Decoder(), clock, config.baud, overhead=codec.OVERHEAD)
     return safing(bus, codec, config.joints)

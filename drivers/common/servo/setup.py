@@ -1,5 +1,5 @@
-"""What is done to servos when a robot is built: their ids, and its calibration. Nothing here
-energises anything, and no tree runs meanwhile: the port is this process's alone."""
+"""Set up servos when a robot is built: their ids, and its calibration. Nothing here energises a servo. No tree
+may run meanwhile, because this process needs the port for itself."""
 
 from __future__ import annotations
 
@@ -20,22 +20,25 @@ from .handshake import ANSWER_S, block, check_model, command, roll_call
 from .safing import Safing, safing_on
 
 HALF_TURN = MIDDLE - 1
-"""Where the middle of a joint is put: lerobot's, half of 4095."""
+"""The count at the middle of a joint: half of 4095, as in lerobot."""
 
 SEEK_S = 0.1
 SLOT_S = 0.003
-"""Broadcast ping: the slot of one id [assumed, as at the roll call]."""
+"""Slot of one id after a broadcast ping [assumed, as at the roll call]."""
 
 
 class Found(NamedTuple):
-    """A servo that answers: at which speed of the bus, under which id."""
+    """A servo that answers: the speed of its bus, and its id."""
 
     baud: int
     id: int
 
 
 class Setup(ABC, Generic[PacketT]):
-    """Of one robot or leader, on its port. Everything raises ``WireDown``."""
+    """The setup of one robot or leader, on its port. Every call raises ``WireDown`` if it fails.
+
+    A subclass provides the codec, the safing, and the methods that depend on the protocol.
+    """
 
     CODEC: Codec[PacketT]
     SAFING: type[Safing[PacketT]]
@@ -50,33 +53,33 @@ class Setup(ABC, Generic[PacketT]):
         self._port: BytePort | None = None
         self._bus: HalfDuplexBus[PacketT] | None = None
 
-    # -- what a protocol adds
+    # -- parts of a protocol
 
     @abstractmethod
     async def unlock(self, axis: Axis) -> None:
-        """Let what is written survive a power off."""
+        """Allow writes that survive a power off."""
 
     @abstractmethod
     async def lock(self, axis: Axis) -> None: ...
 
     @abstractmethod
     async def read_calibration(self, axis: Axis) -> MotorCalibration:
-        """Return what its servo has now, whatever that is."""
+        """Return the calibration that the servo has now, valid or not."""
 
     @abstractmethod
     async def write_calibration(self, axis: Axis, motor: MotorCalibration) -> None:
-        """All of it, and the mode that the joint is driven in."""
+        """Write the whole calibration, and the mode of the joint."""
 
     @abstractmethod
     def offset_to_middle(self, position: int) -> int:
-        """Return the homing offset by which a servo that reads ``position`` without one reads
+        """Return the homing offset with which a servo at ``position`` (read without an offset) reads
         ``HALF_TURN``."""
 
     @abstractmethod
     async def give(self, servo: int, axis: Axis, baud: int) -> None:
-        """Give a servo the id of a joint and the speed of its bus. It is alone on the bus."""
+        """Give a servo the id of a joint and the speed of its bus. It is the only one on the bus."""
 
-    # -- for everybody
+    # -- common parts
 
     @property
     def bus(self) -> HalfDuplexBus[PacketT]:
@@ -85,7 +88,7 @@ class Setup(ABC, Generic[PacketT]):
         return self._bus
 
     async def open(self) -> None:
-        """All servos of the robot answer, and have no torque."""
+        """Open the port. Check that all servos of the robot answer, and switch off their torque."""
         config = self.config
         self._open(config.baud)
         await roll_call(
@@ -97,7 +100,7 @@ class Setup(ABC, Generic[PacketT]):
             raise WireDown(f"{', '.join(stiff)} may have torque. Check cables and power")
 
     async def positions(self) -> dict[str, int]:
-        """Counts by joint, as the servos tell them."""
+        """Return the counts that the servos report, by joint."""
         register, ids = self.CODEC.POSITION, self.config.ids
         request = self.CODEC.sync_read(ids, register.address, register.size)
         replies = await self.bus.transact(request, dict.fromkeys(ids, register.size), ANSWER_S, wait=True)
@@ -106,7 +109,7 @@ class Setup(ABC, Generic[PacketT]):
         return {axis.key: register.decode(replies[axis.id].params) for axis in self.axes}
 
     async def seek(self, bauds: Sequence[int] = ()) -> list[Found]:
-        """Return every servo that answers at any speed, or at one of ``bauds``."""
+        """Return every servo that answers at one of ``bauds``, or at any speed."""
         found: list[Found] = []
         for baud in bauds or self.CODEC.BAUD_RATES:
             self._open(baud)
@@ -117,7 +120,7 @@ class Setup(ABC, Generic[PacketT]):
         return found
 
     async def adopt(self, found: Found, axis: Axis) -> None:
-        """Make the only servo on the bus the one of a joint, and read that back."""
+        """Make the only servo on the bus the servo of a joint, and verify it."""
         self._open(found.baud)
         codec, model = self.CODEC, self._model
         params = await block(self.bus, codec, _named(axis, found.id), *model)
@@ -133,7 +136,7 @@ class Setup(ABC, Generic[PacketT]):
     @property
     @abstractmethod
     def _model(self) -> tuple[int, int]:
-        """Address and size of the model's number."""
+        """Address and size of the register with the model number."""
 
     def close(self) -> None:
         port, self._port, self._bus = self._port, None, None
@@ -148,22 +151,27 @@ class Setup(ABC, Generic[PacketT]):
 
 
 def _named(axis: Axis, servo: int) -> Axis:
-    """Return the joint, with the id that its servo has now."""
+    """Return the joint with the present id of its servo."""
     return Axis(**{**{name: getattr(axis, name) for name in Axis.__struct_fields__}, "id": servo})
 
 
 # -- the calibration itself, pure
 
 LEAST_COUNTS = 200
-"""A joint that was moved by less was forgotten: 18 degrees."""
+"""Least travel of a joint, 18 degrees. With less it was not moved at all."""
 
 MOST_COUNTS = 4000
-"""One that was moved by more passed the end of its encoder: it was not in its middle at first."""
+"""Largest travel of a joint. With more it has passed the end of its encoder, because it did not start in its
+middle."""
 
 
 class Ranges:
-    """The lowest and highest count of each joint, as they come. ``whole_turn``: joints that have
-    no end of their own."""
+    """The lowest and highest count of each joint so far.
+
+    Args:
+        axes: The joints.
+        whole_turn: Keys of joints without an end.
+    """
 
     def __init__(self, axes: Sequence[Axis], whole_turn: Sequence[str]) -> None:
         self.low = {axis.key: MIDDLE for axis in axes}
@@ -173,7 +181,7 @@ class Ranges:
         self._wrapped: set[str] = set()
 
     def take(self, positions: Mapping[str, int]) -> None:
-        """Take what was read next. Between two readings no hand turns a joint by half a turn."""
+        """Take the next reading. Between two readings no hand turns a joint by half a turn."""
         for key, count in positions.items():
             before = self.now.get(key, count)
             if abs(count - before) > MIDDLE:
@@ -187,17 +195,17 @@ class Ranges:
         return (0, TOP) if key in self._whole_turn else (self.low[key], self.high[key])
 
     def problems(self) -> dict[str, str]:
-        """Return why a joint's range is none, by joint."""
-        told = {}
+        """Return the problems of ranges that cannot be used, by joint."""
+        problems = {}
         for key in self.low:
             if key in self._whole_turn:
                 continue
             counts = self.high[key] - self.low[key]
             if self.low[key] < 0 or self.high[key] > TOP:
                 span = f"{self.low[key]} to {self.high[key]}"
-                told[key] = f"went from {span}, past its encoder's 0 to {TOP}: begin with it in its middle"
+                problems[key] = f"went from {span}, past its encoder's 0 to {TOP}: begin with it in its middle"
             elif counts < LEAST_COUNTS:
-                told[key] = "was hardly moved"
+                problems[key] = "was hardly moved"
             elif key in self._wrapped or counts > MOST_COUNTS:
-                told[key] = "passed the end of its encoder: begin with it in its middle"
-        return told
+                problems[key] = "passed the end of its encoder: begin with it in its middle"
+        return problems

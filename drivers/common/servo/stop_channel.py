@@ -1,5 +1,5 @@
-"""The root's way to position servos: the open port of the wire that has ended, else the port opened
-anew."""
+"""The root's stop channel to position servos: the open port of the wire that has ended, or the port opened
+again."""
 
 from __future__ import annotations
 
@@ -19,6 +19,8 @@ from .safing import Safing, safing_on, unreachable
 
 
 class ServoStopChannel(DuplicateDescriptor[ServoConfig, BytePort], Generic[PacketT]):
+    """The stop channel of a servo bus. A subclass sets the codec and the safing of its protocol."""
+
     CODEC: Codec[PacketT]
     SAFING: type[Safing[PacketT]]
 
@@ -43,10 +45,10 @@ class ServoStopChannel(DuplicateDescriptor[ServoConfig, BytePort], Generic[Packe
 
     async def make_safe_on(self, port: BytePort, safe_state: SafeState) -> tuple[MotorReport, ...]:
         safing = safing_on(port, self.config, self.CODEC, self.SAFING, self.clock)
-        # Where the servos are is not known here: a hold begins with asking them.
+        # The positions of the servos are unknown here, so a hold first asks for them.
         reports = await safing.hold({}) if safe_state == SafeState.HOLD else await safing.limp()
-        # Of a hold nothing may be written, as where no servo has torque. Then the port is kept: while the
-        # standby has a duplicate of it, it cannot be opened anew.
+        # A hold may write nothing, for example if no servo has torque. The port is then kept: it cannot be
+        # opened again while the standby has a duplicate of it.
         if not safing.port_took_a_frame:
             raise WireDown(reports[0].detail)
         return reports

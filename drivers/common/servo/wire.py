@@ -1,7 +1,6 @@
 """The bus of position servos in the wire process.
 
-What one protocol or firmware does differently is in its subclass: ``handshake``, and the hooks
-around arming.
+A subclass has the differences of one protocol or firmware: ``handshake``, and the hooks around arming.
 """
 
 from __future__ import annotations
@@ -31,26 +30,26 @@ from .safing import Safing, safing_on, unreachable
 
 TORQUE_CHECK_S = 0.5
 HOLD_FRESH_S = 0.05
-"""A position that was asked for longer ago is not where the joint is."""
+"""A position that was requested longer ago does not count as the present one."""
 
 OUTSIDE_DEG = 5.0
-"""A servo pulls a joint that rests outside its range back in, at full speed, the moment it is
-energised. Up to here that is a twitch; beyond, somebody should move the joint by hand."""
+"""When a servo is energised, it pulls a joint that rests outside its range back in, at full speed. Up to this
+distance the joint only twitches. Beyond it, a person should move the joint by hand."""
 
 Range = tuple[int, int]
 
 
 class Handshake(msgspec.Struct, Generic[PacketT]):
-    """What the servos said when the wire was opened."""
+    """The result of ``ServoWire.handshake``."""
 
     readings: Readings[PacketT]
-    travel: Mapping[int, Range]  # id -> lowest and highest goal it takes
-    reach: Mapping[int, Range]  # id -> where the joint may rest when it is energised
+    travel: Mapping[int, Range]  # id -> lowest and highest goal that it takes
+    reach: Mapping[int, Range]  # id -> range in which the joint may rest when it is energised
     facts: dict[str, Any]  # for status
 
 
 class ServoSession(Generic[PacketT]):
-    """What exists between ``open`` and ``close``."""
+    """The state between ``open`` and ``close``."""
 
     def __init__(
         self,
@@ -67,11 +66,12 @@ class ServoSession(Generic[PacketT]):
         self.observation = self.readings.observation(bus.clock.now_ns(), (), armed=False)
         self.torque_due_ns = 0
         self.silent_since_ns: int | None = None
-        self.goals: dict[int, int] = {}  # the last that were written
+        self.goals: dict[int, int] = {}  # the last ones that were written
         self.aimed_ns = 0  # when they changed
 
     def to_tell(self, counts: Mapping[int, int]) -> dict[int, int]:
-        """Less those that are not heard, and may have lost their torque, and those that have."""
+        """Return the goals without servos that are silent, which may have lost their torque, and without
+        servos that have lost it."""
         left_out = self.readings.limp.union(self.health.mute())
         return {motor: count for motor, count in counts.items() if motor not in left_out}
 
@@ -81,21 +81,26 @@ class ServoSession(Generic[PacketT]):
             self.aimed_ns = self.bus.clock.now_ns()
 
     def known(self) -> dict[int, int]:
-        """Return where those that have torque are now: read since they were last sent elsewhere."""
+        """Return the present positions of servos with torque, read since their goals last changed."""
         now_ns = self.bus.clock.now_ns()
         since_ns = max(self.aimed_ns, now_ns - round(HOLD_FRESH_S * NS))
         return self.readings.known(since_ns, now_ns, self.goals, self.aimed_ns)
 
 
 class ServoWire(SessionWire[ServoSession[PacketT]], Generic[PacketT]):
+    """The wire of a servo bus.
+
+    A subclass sets the class variables and ``handshake``, and may override the hooks around arming.
+    """
+
     interruptible: ClassVar[bool] = True
     CODEC: Codec[PacketT]
     SAFING: type[Safing[PacketT]]
     FEEDBACK: ClassVar[Range]
-    """Address and size of what is read in every cycle."""
+    """Address and size of the block that is read in every cycle."""
     FEEDBACK_AND_TORQUE: ClassVar[Range]
-    """The same with what precedes it: one question, so that a torque check cannot fail on its
-    own."""
+    """The same block with the registers before it. It is one request, so that a check of torque cannot fail
+    alone."""
 
     def __init__(
         self, config: ServoConfig, clock: Clock, open_port: Callable[[str, int], BytePort] = open_serial
@@ -107,17 +112,17 @@ class ServoWire(SessionWire[ServoSession[PacketT]], Generic[PacketT]):
         self._port: BytePort | None = None
         self._armed = False
 
-    # -- what a protocol adds
+    # -- parts of a protocol
 
     @abstractmethod
     async def handshake(self, bus: HalfDuplexBus[PacketT]) -> Handshake[PacketT]:
-        """All ids have answered: identify them, check them, set them up. Raise ``WireDown``."""
+        """Identify, check and set up the servos, after all ids have answered. Raise ``WireDown``."""
 
     async def before_arming(self, permit: Permit) -> None:
-        """Refuse what must not be energised. Raise ``WireDown``."""
+        """Raise ``WireDown`` for a robot that must not be energised."""
 
     async def after_arming(self, permit: Permit) -> None:
-        """Every servo is energised: arm what the firmware watches by itself. Raise ``WireDown``."""
+        """Arm the firmware's watchdogs, after every servo was energised. Raise ``WireDown``."""
 
     # -- the contract
 
@@ -134,7 +139,7 @@ class ServoWire(SessionWire[ServoSession[PacketT]], Generic[PacketT]):
         except BaseException as error:
             self.close()
             if isinstance(error, WireDown) and (users := users_of(config.port)):
-                raise WireDown(in_use(config.port, users)) from error  # and garbles what it hears
+                raise WireDown(in_use(config.port, users)) from error  # The other program garbles the replies.
             raise
         safing = self.SAFING(bus, codec, self.axes, handshake.travel)
         self.session_or_none = ServoSession(bus, config.ids, handshake, safing)
@@ -146,8 +151,7 @@ class ServoWire(SessionWire[ServoSession[PacketT]], Generic[PacketT]):
         }
 
     async def arm(self, permit: Permit) -> Observation:
-        """Motor by motor, each where it is at that moment: a goal alone energises a Feetech
-        servo."""
+        """Energise motor by motor, each at its present position: a goal alone energises a Feetech servo."""
         self._refuse_passive("arm")
         session = self.session
         await self.before_arming(permit)
@@ -167,23 +171,23 @@ class ServoWire(SessionWire[ServoSession[PacketT]], Generic[PacketT]):
     async def read(self) -> Observation:
         session = self.session
         if session.bus.quiet:
-            await trio.lowlevel.checkpoint()  # so that a caller who reads in a loop lets others run
+            await trio.lowlevel.checkpoint()  # A caller that reads in a loop must let other tasks run.
         else:
-            # a question that a stop cut short, and nobody answered, begins the quiet time here
+            # A request that a stop has cut short, and that no servo answered, begins the quiet time here.
             with contextlib.suppress(Quiet):
                 await self._measure(session)
         return session.observation
 
     async def write(self, values: tuple[float, ...], permit: Permit) -> None:
-        """To those that are heard and have torque: a goal would give it back to a servo that has
-        lost it."""
+        """Write a setpoint to servos that answer and have torque. A goal would give torque back to a servo
+        that has lost it."""
         self._refuse_passive("write")
         session = self.session
         if not self._armed:
             raise PermitDenied("not armed")
-        wanted = {axis.id: axis.count(value) for axis, value in zip(self.axes, values, strict=True)}
-        counts = session.to_tell(wanted)
-        if not counts:  # what nobody was told in time nobody is told later
+        requested = {axis.id: axis.count(value) for axis, value in zip(self.axes, values, strict=True)}
+        counts = session.to_tell(requested)
+        if not counts:  # If no servo could take this setpoint in time, drop it.
             raise PermitDenied("no servo is heard that has torque")
         frame = self.CODEC.goals(counts)
         permit.check()
@@ -200,8 +204,8 @@ class ServoWire(SessionWire[ServoSession[PacketT]], Generic[PacketT]):
         return await session.safing.limp()
 
     async def reach(self, safe_state: SafeState) -> tuple[MotorReport, ...]:
-        """The old descriptor may still take what nobody answers; a new one reaches what was plugged
-        in again."""
+        """The old descriptor may still take a frame that no servo answers. A new descriptor reaches an
+        adapter that was plugged in again."""
         old, config = self._port, self.config
         shouted = False
         try:
@@ -235,12 +239,20 @@ class ServoWire(SessionWire[ServoSession[PacketT]], Generic[PacketT]):
     # -- for the hooks
 
     def check_torque_soon(self) -> None:
-        """The next reading asks for everything."""
+        """Make the next reading include the torque."""
         self.session.torque_due_ns = 0
 
     async def ask_all(self, address: int, size: int, what: str) -> dict[int, PacketT]:
-        """A sync read that every servo must answer, before any of them is energised. Raise
-        ``WireDown``."""
+        """Read a block that every servo must return, before any servo is energised.
+
+        Args:
+            address: The first register.
+            size: Bytes of the block.
+            what: The name of the value for messages.
+
+        Raises:
+            WireDown: A servo did not answer.
+        """
         ids, bus = self.config.ids, self.session.bus
         replies = await ask(bus, self.CODEC.sync_read(ids, address, size), dict.fromkeys(ids, size))
         if missing := [axis.label for axis in self.axes if axis.id not in replies]:
@@ -251,7 +263,7 @@ class ServoWire(SessionWire[ServoSession[PacketT]], Generic[PacketT]):
 
     async def _hold(self, session: ServoSession[PacketT]) -> tuple[MotorReport, ...]:
         if not self._armed:
-            return await session.safing.hold({})  # who has torque all the same is asked
+            return await session.safing.hold({})  # Servos that have torque all the same are asked.
         kept = session.to_tell(session.goals)
         reports = await session.safing.hold(session.known(), kept, session.told)
         session.told(
@@ -288,8 +300,11 @@ class ServoWire(SessionWire[ServoSession[PacketT]], Generic[PacketT]):
             )
 
     async def _energise(self, axis: Axis, permit: Permit) -> None:
-        """Its position as goal, which may energise it; torque when that was taken, for an old goal
-        in its place would be a jump; and that read back."""
+        """Energise one servo, without a jump. Raise ``WireDown`` if it fails.
+
+        First its position is written as the goal, which may energise it already. Torque follows only when the
+        goal was read back, because an old goal would be a jump. Then the torque is read back.
+        """
         codec, session = self.CODEC, self.session
         goal_register, torque = codec.GOAL_POSITION, codec.TORQUE_ENABLE
         reply = await self._of(axis, *self.FEEDBACK, "its position")
@@ -321,7 +336,7 @@ class ServoWire(SessionWire[ServoSession[PacketT]], Generic[PacketT]):
             raise WireDown(f"arm: {axis.label} does not stay energised. Check its load, supply and temperature")
 
     async def _of(self, axis: Axis, address: int, size: int, what: str) -> PacketT:
-        """Return what one servo has there. Raise ``WireDown``."""
+        """Return a block of one servo. Raise ``WireDown`` if it does not answer."""
         bus = self.session.bus
         replies = await ask(bus, self.CODEC.read(axis.id, address, size), {axis.id: size})
         if axis.id not in replies:
