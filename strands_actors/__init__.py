@@ -27,7 +27,7 @@ from typing import TYPE_CHECKING, Any
 from .version import __version__
 
 if TYPE_CHECKING:
-    from .caller.robot import AsyncRobot, RealRobot, Robot, SimRobot, open_robot
+    from .caller.handle.robot import AsyncRobot, RealRobot, Robot, SimRobot, open_robot
     from .drivers import (
         HardwareDriver,
         list_driver_coverage,
@@ -63,7 +63,7 @@ _WHERE = {
         "register_native_driver",
         "register_robot",
     ),
-    "caller.robot": ("AsyncRobot", "RealRobot", "Robot", "SimRobot", "open_robot"),
+    "caller.handle.robot": ("AsyncRobot", "RealRobot", "Robot", "SimRobot", "open_robot"),
     "policies": ("MockPolicy", "Policy", "create_policy", "register_policy"),
     "surfaces.dataset": ("record_dataset", "replay_episode"),
     "surfaces.mesh": (
@@ -132,7 +132,7 @@ def __getattr__(name: str) -> Any:
                 # hasattr(), help() and ``import *`` read every name, so only a call raises.
                 return import_module(f"{__name__}.contract.extras").refusing(name, failure)
     # This is an ImportError, since ``from strands_actors import ...`` hides an AttributeError's text.
-    if name[:1] != "_" and (hint := import_module(f"{__name__}.caller.reference_names").package_hint(name)):
+    if name[:1] != "_" and (hint := import_module(f"{__name__}.caller.handle.reference_names").package_hint(name)):
         raise ImportError(hint, name=__name__)
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
 

@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Any
 import pytest
 
 if TYPE_CHECKING:
-    from .caller.robot import RealRobot
+    from .caller.handle.robot import RealRobot
     from .contract.driver import Driver
     from .testing import Twin
 

@@ -11,7 +11,7 @@ from typing import Any
 
 import pytest
 
-from strands_actors.caller import tree_processes, twin_process
+from strands_actors.caller.processes import tree_processes, twin_process
 from strands_actors.kernel.processes.process import ChildProcess, OwnChild, specify
 from strands_actors.kernel.processes.process import start as executed
 from strands_actors.testing.fork_server import Forked, server, twin_server

@@ -14,7 +14,7 @@ from typing import Any
 import pytest
 
 from strands_actors import Robot
-from strands_actors.caller.robot import RealRobot
+from strands_actors.caller.handle.robot import RealRobot
 from strands_actors.testing import Twin, WireLog
 from strands_actors.testing.wirelog import Entry
 from tests.answers import PATIENCE_S, json_of, resumed, state, status, task, task_ended, until, why

@@ -22,7 +22,7 @@ from pathlib import Path
 
 from benchmarks.stage import at_home
 from strands_actors import Robot
-from strands_actors.caller.robot import RealRobot
+from strands_actors.caller.handle.robot import RealRobot
 from strands_actors.testing import WireLog
 
 from .wire import percentile, processor_s

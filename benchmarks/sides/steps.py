@@ -81,7 +81,7 @@ def armed() -> Any:
     stopwatch = ctypes.c_void_p.in_dll(ctypes.CDLL(str(library)), "mjcb_time")
     installed = stopwatch.value
 
-    from strands_actors.drivers.common.physics import Plant
+    from strands_actors.drivers.common.physics.physics import Plant
 
     stopwatch.value = installed
     plant = Plant.from_table(table())

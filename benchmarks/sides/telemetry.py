@@ -74,7 +74,7 @@ def listen(who: str) -> None:
 def listen_ours(window: Window, stack: contextlib.ExitStack) -> None:
     import trio
 
-    from strands_actors.caller.portal import portal
+    from strands_actors.caller.session.portal import portal
     from strands_actors.surfaces.mesh import open_mesh
 
     ready = threading.Event()

@@ -5,7 +5,7 @@ from __future__ import annotations
 import trio
 
 from strands_actors.contract.wire import WireDown
-from strands_actors.drivers.common.network_interfaces import address_of
+from strands_actors.drivers.common.ports.network_interfaces import address_of
 from strands_actors.drivers.common.rtps import MULTICAST_GROUP, Participant, own_address
 
 from . import protocol as p

@@ -27,9 +27,9 @@ from strands_actors.contract.options import DriverOptions, meanings, option, pla
 from strands_actors.contract.safe_state import SafeState
 from strands_actors.contract.sensors import Sensor
 from strands_actors.contract.wire import Observation
-from strands_actors.drivers.common.addresses import check_peer
-from strands_actors.drivers.common.motor_targets import Parser
-from strands_actors.drivers.common.network_interfaces import NetworkInterface
+from strands_actors.drivers.common.kit.motor_targets import Parser
+from strands_actors.drivers.common.ports.addresses import check_peer
+from strands_actors.drivers.common.ports.network_interfaces import NetworkInterface
 from strands_actors.kernel.messages import Refused
 
 from .config import CONTROL_HZ, CONTROL_S, LATE_S, TWIST_S, BoosterConfig

@@ -14,7 +14,7 @@ from strands_actors.contract.driver import Candidate, Condition, GateCheck, Gate
 from strands_actors.contract.safe_state import SafeState
 from strands_actors.contract.wire import Observation
 from strands_actors.drivers.booster.refusals import BoosterCode
-from strands_actors.drivers.common.motor_targets import target_gates
+from strands_actors.drivers.common.kit.motor_targets import target_gates
 from strands_actors.kernel.clock import NS
 from strands_actors.kernel.messages import Refused
 from strands_actors.kernel.refusals import Code
@@ -204,7 +204,7 @@ def _refuse_mode(arguments: Mapping[str, Any]) -> Refused | None:
     return Refused(BoosterCode.UNKNOWN_MODE, f"mode is {shown!r}", f"use one of {names}", shown, names)
 
 
-def why_no_move(mode: Mode | None) -> Refused | None:
+def move_refusal(mode: Mode | None) -> Refused | None:
     if mode in WALKS:
         return None
     name = "unknown" if mode is None else mode.name.lower()
@@ -212,7 +212,7 @@ def why_no_move(mode: Mode | None) -> Refused | None:
     return Refused(Code.MODE, f"it does not walk in {name} mode", remedy, name, _names(WALKS))
 
 
-def why_no_hand_over(mode: Mode | None, modes: Sequence[Mode]) -> Refused | None:
+def handover_refusal(mode: Mode | None, modes: Sequence[Mode]) -> Refused | None:
     if mode in modes:
         return None
     name = "unknown" if mode is None else mode.name.lower()

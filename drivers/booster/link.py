@@ -13,9 +13,9 @@ from contextlib import suppress
 from typing import TypeVar
 
 from strands_actors.contract.wire import WireDown
-from strands_actors.drivers.common.malformed import MalformedFrame
-from strands_actors.drivers.common.motor_targets import ROWS
-from strands_actors.drivers.common.network_interfaces import address_of
+from strands_actors.drivers.common.codecs.malformed import MalformedFrame
+from strands_actors.drivers.common.kit.motor_targets import ROWS
+from strands_actors.drivers.common.ports.network_interfaces import address_of
 from strands_actors.drivers.common.rtps import CDR, Participant, Reader, Writer, own_address
 from strands_actors.kernel.clock import NS, Clock
 

@@ -12,7 +12,7 @@ import struct
 from collections.abc import Sequence
 from typing import NamedTuple
 
-from strands_actors.drivers.common.malformed import MalformedFrame
+from strands_actors.drivers.common.codecs.malformed import MalformedFrame
 
 TYPES = "booster_interface::msg::dds_::"
 COMMAND_TYPE, STATE_TYPE, FALL_TYPE = f"{TYPES}LowCmd_", f"{TYPES}LowState_", f"{TYPES}FallDownState_"

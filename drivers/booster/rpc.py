@@ -13,7 +13,7 @@ from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 from strands_actors.contract.axis import finite
-from strands_actors.drivers.common.malformed import MalformedFrame
+from strands_actors.drivers.common.codecs.malformed import MalformedFrame
 
 REQUEST_TYPE = "booster_msgs::msg::dds_::RpcReqMsg_"
 RESPONSE_TYPE = "booster_msgs::msg::dds_::RpcRespMsg_"

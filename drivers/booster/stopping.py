@@ -17,7 +17,7 @@ from contextlib import aclosing, suppress
 
 from strands_actors.contract.safe_state import SafeState
 from strands_actors.contract.wire import MotorReport
-from strands_actors.drivers.common.malformed import MalformedFrame
+from strands_actors.drivers.common.codecs.malformed import MalformedFrame
 from strands_actors.kernel.clock import NS
 
 from . import rpc

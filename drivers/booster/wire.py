@@ -18,8 +18,8 @@ import trio
 from strands_actors.contract.safe_state import SafeState
 from strands_actors.contract.wire import MotorReport, Observation, Permit, PermitDenied, WireDown
 from strands_actors.drivers.booster.refusals import BoosterCode
-from strands_actors.drivers.common.malformed import MalformedFrame
-from strands_actors.drivers.common.session_wire import PromptSessionWire
+from strands_actors.drivers.common.codecs.malformed import MalformedFrame
+from strands_actors.drivers.common.kit.session_wire import PromptSessionWire
 from strands_actors.kernel.clock import NS, Clock
 from strands_actors.kernel.messages import Refused
 from strands_actors.kernel.refusals import Code
@@ -335,7 +335,7 @@ class BoosterWire(PromptSessionWire[BoosterSession]):
     ) -> dict[str, Any] | Refused:
         if session.mode not in WALKS:  # The known mode may be a moment old.
             await self._look_at_mode(session, permit)
-        refusal = gates.why_no_move(session.mode) or self._unfit(await self.read())
+        refusal = gates.move_refusal(session.mode) or self._unfit(await self.read())
         if refusal is not None:
             return refusal
         vx, vy, vyaw = (float(arguments.get(name, 0.0)) for name in ("vx", "vy", "vyaw"))
@@ -363,7 +363,7 @@ class BoosterWire(PromptSessionWire[BoosterSession]):
     async def _take_arms(self, session: BoosterSession, permit: Permit) -> dict[str, Any] | Refused:
         await self._look_at_mode(session, permit)
         observation = await self.read()
-        refusal = gates.why_no_hand_over(session.mode, STANDS) or self._unfit(observation)
+        refusal = gates.handover_refusal(session.mode, STANDS) or self._unfit(observation)
         if refusal is not None:
             return refusal
         permit.check()
@@ -374,7 +374,7 @@ class BoosterWire(PromptSessionWire[BoosterSession]):
             answer = await self._ask(session, Api.UPPER_BODY, rpc.upper_body(True), permit)
             refusal = _refused("enable_upper_body", answer)
             if refusal is None and session.mode is not mode:
-                refusal = gates.why_no_hand_over(session.mode, (mode,) if mode else ())
+                refusal = gates.handover_refusal(session.mode, (mode,) if mode else ())
             if refusal is None:
                 session.ours = mode
         finally:

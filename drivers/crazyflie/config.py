@@ -8,7 +8,7 @@ from typing import Literal
 import msgspec
 
 from strands_actors.contract.wire import WireDown
-from strands_actors.drivers.common.addresses import parse_address
+from strands_actors.drivers.common.ports.addresses import parse_address
 
 UDP_PORT = 19850
 TCP_PORT = 5000

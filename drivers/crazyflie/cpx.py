@@ -11,7 +11,7 @@ import enum
 import functools
 import operator
 
-from strands_actors.drivers.common.malformed import MalformedFrame
+from strands_actors.drivers.common.codecs.malformed import MalformedFrame
 
 LONGEST = 100
 """Largest packet on a serial line, in bytes."""

@@ -23,7 +23,7 @@ from strands_actors.contract.safe_state import SafeState
 from strands_actors.contract.sensors import Sensor, imu, pose
 from strands_actors.contract.tool_verbs import DURATION, STATUS, STOP, ToolVerb, held_move
 from strands_actors.contract.tool_verbs import SENSORS as READ_SENSORS
-from strands_actors.drivers.common.addresses import check_device
+from strands_actors.drivers.common.ports.addresses import check_device
 from strands_actors.kernel.messages import Refused
 from strands_actors.kernel.refusals import Code
 

@@ -165,7 +165,7 @@ def _within_heights(heights_m: tuple[float, float]) -> GateCheck:
 # -- taking off
 
 
-def why_no_takeoff(bits: Bit | None, sensors: Mapping[str, Row], floor_v: float) -> Refused | None:
+def takeoff_refusal(bits: Bit | None, sensors: Mapping[str, Row], floor_v: float) -> Refused | None:
     """Return why the drone may not take off now; None if it may."""
     if bits is None:
         return Refused(Code.NO_OBSERVATION, "its supervisor does not answer", "check radio and power")

@@ -10,10 +10,10 @@ from typing import Protocol
 import trio
 
 from strands_actors.contract.wire import Permit, PermitDenied, WireDown
-from strands_actors.drivers.common.malformed import MalformedFrame
-from strands_actors.drivers.common.serial_port import BytePort, adopt_serial, open_serial
-from strands_actors.drivers.common.tcp_port import TcpPort, open_tcp
-from strands_actors.drivers.common.udp_port import UdpPort, open_udp
+from strands_actors.drivers.common.codecs.malformed import MalformedFrame
+from strands_actors.drivers.common.ports.serial_port import BytePort, adopt_serial, open_serial
+from strands_actors.drivers.common.ports.tcp_port import TcpPort, open_tcp
+from strands_actors.drivers.common.ports.udp_port import UdpPort, open_udp
 
 from . import cpx
 from .config import Endpoint

@@ -18,7 +18,7 @@ from typing import NamedTuple
 
 import msgspec
 
-from strands_actors.drivers.common.malformed import MalformedFrame
+from strands_actors.drivers.common.codecs.malformed import MalformedFrame
 
 LONGEST = 31
 """Largest packet in bytes, header included."""

@@ -8,9 +8,9 @@ from collections.abc import Sequence
 import trio
 
 from strands_actors.contract.wire import Permit, WireDown
-from strands_actors.drivers.common.malformed import MalformedFrame
-from strands_actors.drivers.common.receive_budget import ReceiveBudget
-from strands_actors.drivers.common.stamps import Stamps
+from strands_actors.drivers.common.codecs.malformed import MalformedFrame
+from strands_actors.drivers.common.kit.stamps import Stamps
+from strands_actors.drivers.common.ports.receive_budget import ReceiveBudget
 from strands_actors.kernel.clock import NS, Clock
 
 from . import protocol as p

@@ -16,7 +16,7 @@ from strands_actors.contract.safe_state import SafeState
 from strands_actors.contract.stop_channels import DuplicateDescriptor
 from strands_actors.contract.stop_process import OwnProcess
 from strands_actors.contract.wire import MotorReport, StopChannel, WireDown
-from strands_actors.drivers.common.outcome import Outcome
+from strands_actors.drivers.common.kit.outcome import Outcome
 from strands_actors.kernel.clock import Clock
 
 from .config import CrazyflieConfig

@@ -14,7 +14,7 @@ from typing import Any, ClassVar
 import trio
 
 from strands_actors.contract.wire import Permit, WireDown
-from strands_actors.drivers.common.sdk import SdkCalls, load_sdk
+from strands_actors.drivers.common.kit.sdk import SdkCalls, load_sdk
 
 from .config import Endpoint
 from .links import Link

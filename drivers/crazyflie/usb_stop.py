@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 from strands_actors.contract.safe_state import SafeState
 from strands_actors.contract.wire import MotorReport, ProcessSpent, StopChannel, WireDown
-from strands_actors.drivers.common.outcome import Outcome
+from strands_actors.drivers.common.kit.outcome import Outcome
 from strands_actors.kernel.clock import Clock
 
 from .config import CrazyflieConfig

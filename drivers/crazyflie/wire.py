@@ -15,9 +15,9 @@ import trio
 
 from strands_actors.contract.safe_state import SafeState
 from strands_actors.contract.wire import MotorReport, Observation, Permit, PermitDenied, ProcessSpent, WireDown
-from strands_actors.drivers.common.malformed import MalformedFrame
-from strands_actors.drivers.common.outcome import NOT_CONNECTED, Outcome
-from strands_actors.drivers.common.session_wire import SessionWire
+from strands_actors.drivers.common.codecs.malformed import MalformedFrame
+from strands_actors.drivers.common.kit.outcome import NOT_CONNECTED, Outcome
+from strands_actors.drivers.common.kit.session_wire import SessionWire
 from strands_actors.drivers.crazyflie.refusals import CrazyflieCode
 from strands_actors.kernel.clock import NS, Clock
 from strands_actors.kernel.messages import Refused
@@ -25,7 +25,7 @@ from strands_actors.kernel.refusals import Code
 
 from . import protocol as p
 from .config import LAND_S, LANDING_M_S, TAKEOFF_M, TAKEOFF_S, CrazyflieConfig
-from .gates import sensors_of, why_no_takeoff
+from .gates import sensors_of, takeoff_refusal
 from .hovering import Hover
 from .links import Link, open_link
 from .protocol import Bit
@@ -207,7 +207,7 @@ class CrazyflieWire(SessionWire[CrazyflieSession]):
         session = self.session
         asked_ns = self._clock.now_ns()
         bits = await session.supervisor(ARM_S)
-        refusal = why_no_takeoff(bits, self._observation(session).sensors, self._config.battery_v)
+        refusal = takeoff_refusal(bits, self._observation(session).sensors, self._config.battery_v)
         if refusal is not None:
             return refusal
         flight = self._fresh_flight(session)

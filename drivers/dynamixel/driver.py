@@ -8,8 +8,8 @@ from typing import ClassVar
 from strands_actors.drivers.common.dynamixel import watchdog
 from strands_actors.drivers.common.dynamixel.gates import FAULT_CODES
 from strands_actors.drivers.common.dynamixel.table import BAUD_RATES
-from strands_actors.drivers.common.refusals import MotorCode
-from strands_actors.drivers.common.robot_tables import RobotTables
+from strands_actors.drivers.common.kit.refusals import MotorCode
+from strands_actors.drivers.common.kit.robot_tables import RobotTables
 from strands_actors.drivers.common.servo.driver import ServoDriver
 
 from .robots import TABLES

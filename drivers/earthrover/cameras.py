@@ -15,8 +15,8 @@ import trio
 from strands_actors.contract import cameras as contract
 from strands_actors.contract.extras import missing
 from strands_actors.contract.wire import WireDown
-from strands_actors.drivers.common.http_port import HttpPort
-from strands_actors.drivers.common.malformed import MalformedFrame
+from strands_actors.drivers.common.codecs.malformed import MalformedFrame
+from strands_actors.drivers.common.ports.http_port import HttpPort
 
 from .driver import EarthRover
 from .protocol import NOT_FOUND, OK, PICTURES, Picture, decode_picture

@@ -6,8 +6,8 @@ import msgspec
 
 from strands_actors.contract.axis import Axis
 from strands_actors.contract.wire import WireDown
-from strands_actors.drivers.common.addresses import parse_web_address
-from strands_actors.drivers.common.http_port import HttpPort
+from strands_actors.drivers.common.ports.addresses import parse_web_address
+from strands_actors.drivers.common.ports.http_port import HttpPort
 
 from .protocol import PORT
 

@@ -19,7 +19,7 @@ from strands_actors.contract.safe_state import SafeState
 from strands_actors.contract.sensors import Sensor, imu
 from strands_actors.contract.tool_verbs import DURATION, STATUS, STOP, ToolVerb, held_move
 from strands_actors.contract.tool_verbs import SENSORS as READ_SENSORS
-from strands_actors.drivers.common.velocity_base import LIFETIME_S, parse_twist
+from strands_actors.drivers.common.kit.velocity_base import LIFETIME_S, parse_twist
 from strands_actors.kernel.messages import Refused
 from strands_actors.kernel.refusals import Code
 

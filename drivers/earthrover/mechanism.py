@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable, Mapping
 from typing import Any
 
-from strands_actors.drivers.common.simulation_control.body import Hand
+from strands_actors.drivers.common.physics.body import Hand
 
 _STEP_S = 0.01
 _LONGEST_S = 0.25

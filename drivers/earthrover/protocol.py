@@ -14,7 +14,7 @@ from typing import Any
 import msgspec
 
 from strands_actors.contract.axis import finite
-from strands_actors.drivers.common.malformed import MalformedFrame
+from strands_actors.drivers.common.codecs.malformed import MalformedFrame
 
 PORT = 8000
 CONTROL = "/control"

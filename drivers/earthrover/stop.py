@@ -12,9 +12,9 @@ from typing import ClassVar
 from strands_actors.contract.safe_state import SafeState
 from strands_actors.contract.stop_channels import KeptSession
 from strands_actors.contract.wire import MotorReport, WireDown
-from strands_actors.drivers.common.http_port import HttpPort
-from strands_actors.drivers.common.outcome import Outcome, names_of
-from strands_actors.drivers.common.velocity_base import Standing, stop_base
+from strands_actors.drivers.common.kit.outcome import Outcome, names_of
+from strands_actors.drivers.common.kit.velocity_base import Standing, stop_base
+from strands_actors.drivers.common.ports.http_port import HttpPort
 
 from . import protocol as p
 from .config import EarthRoverConfig

@@ -15,10 +15,9 @@ import msgspec
 
 from strands_actors.contract.axis import finite
 from strands_actors.contract.options import option
-from strands_actors.drivers.common.http_messages import Request
-from strands_actors.drivers.common.malformed import MalformedFrame
-from strands_actors.drivers.common.simulation_control.body import Felt, Hand
-from strands_actors.drivers.common.simulation_control.protocol import TIMESTEP_S
+from strands_actors.drivers.common.codecs.http_messages import Request
+from strands_actors.drivers.common.codecs.malformed import MalformedFrame
+from strands_actors.drivers.common.physics.body import TIMESTEP_S, Felt, Hand
 from strands_actors.drivers.common.twin import (
     Fault,
     Faults,
@@ -158,7 +157,7 @@ class RoverBody:
 
     @cached_property
     def spec(self) -> Any:
-        from strands_actors.drivers.common.model_rows import build  # MuJoCo, for its looks only
+        from strands_actors.drivers.common.physics.model_rows import build  # MuJoCo, for its looks only
 
         return build(self._table)
 

@@ -18,10 +18,10 @@ import trio
 
 from strands_actors.contract.safe_state import SafeState
 from strands_actors.contract.wire import MotorReport, Observation, Permit, PermitDenied, Wire, WireDown
-from strands_actors.drivers.common.http_port import HttpPort
-from strands_actors.drivers.common.malformed import MalformedFrame
-from strands_actors.drivers.common.outcome import Outcome, names_of
-from strands_actors.drivers.common.velocity_base import stop_base
+from strands_actors.drivers.common.codecs.malformed import MalformedFrame
+from strands_actors.drivers.common.kit.outcome import Outcome, names_of
+from strands_actors.drivers.common.kit.velocity_base import stop_base
+from strands_actors.drivers.common.ports.http_port import HttpPort
 from strands_actors.drivers.earthrover.refusals import EarthRoverCode
 from strands_actors.kernel.clock import NS, Clock
 from strands_actors.kernel.messages import Refused

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import ClassVar
 
-from strands_actors.drivers.common.refusals import MotorCode
-from strands_actors.drivers.common.robot_tables import RobotTables
+from strands_actors.drivers.common.kit.refusals import MotorCode
+from strands_actors.drivers.common.kit.robot_tables import RobotTables
 from strands_actors.drivers.common.servo.driver import ServoDriver
 
 from .gates import FAULT_CODES

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from strands_actors.drivers.common.refusals import MotorCode
+from strands_actors.drivers.common.kit.refusals import MotorCode
 
 FAULT_CODES: Mapping[str, MotorCode] = {
     "limp": MotorCode.LIMP,

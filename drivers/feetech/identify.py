@@ -7,8 +7,8 @@ from collections.abc import Mapping, Sequence
 import msgspec
 
 from strands_actors.contract.wire import WireDown
-from strands_actors.drivers.common.calibration import MotorCalibration
-from strands_actors.drivers.common.half_duplex import HalfDuplexBus
+from strands_actors.drivers.common.kit.calibration import MotorCalibration
+from strands_actors.drivers.common.ports.half_duplex import HalfDuplexBus
 from strands_actors.drivers.common.servo.axes import TOP, Axis
 from strands_actors.drivers.common.servo.handshake import block, check_calibration, check_model, command
 from strands_actors.drivers.common.servo.identity import facts_of

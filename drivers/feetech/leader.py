@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import ClassVar
 
-from strands_actors.drivers.common.robot_tables import RobotTables
+from strands_actors.drivers.common.kit.robot_tables import RobotTables
 from strands_actors.drivers.common.servo.leader import Leader
 
 from .driver import Feetech

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import struct
 
-from strands_actors.drivers.common.physics import Plant
+from strands_actors.drivers.common.physics.physics import Plant
 from strands_actors.drivers.common.twin import Fault
 from strands_actors.drivers.common.twin.servo_bus import COUNTS_PER_RAD, ZERO_COUNT, TwinServo
 

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Annotated, Any, Unpack
 
 from strands_actors.contract.options import option
-from strands_actors.drivers.common.physics import Plant
+from strands_actors.drivers.common.physics.physics import Plant
 from strands_actors.drivers.common.twin import Exchange, Reply, Start, read_twin_options
 from strands_actors.drivers.common.twin.servo_bus import BusOptions, ServoBus, serve
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import ClassVar
 
 from strands_actors.contract.wire import Permit
-from strands_actors.drivers.common.half_duplex import HalfDuplexBus
+from strands_actors.drivers.common.ports.half_duplex import HalfDuplexBus
 from strands_actors.drivers.common.servo.axes import Axis
 from strands_actors.drivers.common.servo.identity import limits_of
 from strands_actors.drivers.common.servo.readings import Readings, Sample

@@ -168,7 +168,7 @@ class Cycle:
     def is_news(self, data: bytes) -> bool:
         """Return whether ``data`` is a state with a later controller time than the last one. A state without
         valid joints does not count, because the wire process could not use it either."""
-        if not (self.dialect.is_plausible(data) and self.dialect.tells_joints(data)):
+        if not (self.dialect.is_plausible(data) and self.dialect.has_plausible_joints(data)):
             return False
         (message_id,) = self.dialect.get(data, "message_id")
         if self._heard and not 0 < message_id - self._heard <= JUMP_TICKS:

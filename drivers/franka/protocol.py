@@ -15,7 +15,7 @@ from typing import NamedTuple
 
 import msgspec
 
-from strands_actors.drivers.common.malformed import MalformedFrame
+from strands_actors.drivers.common.codecs.malformed import MalformedFrame
 
 PORT = 1337
 STATE_HZ = 1000
@@ -247,7 +247,7 @@ class Dialect:
             int(self.get(data, "robot_mode")[0]),
             self.get(data, "success_rate")[0],
         )
-        if not self.tells_joints(data):
+        if not self.has_plausible_joints(data):
             raise MalformedFrame("a state with a position or a speed that no joint has")
         return state
 
@@ -260,7 +260,7 @@ class Dialect:
         (mode,), (rate,) = self.get(data, "robot_mode"), self.get(data, "success_rate")
         return generator <= Generator.NONE and controller <= Controller.OTHER and mode <= 6 and 0.0 <= rate <= 1.001
 
-    def tells_joints(self, data: bytes) -> bool:
+    def has_plausible_joints(self, data: bytes) -> bool:
         """Return whether positions and speeds in a state are possible for joints. It is fast enough, too, for
         every state."""
         row = (*self.get(data, "q"), *self.get(data, "q_d"), *self.get(data, "dq"))

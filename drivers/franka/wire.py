@@ -14,9 +14,9 @@ import trio
 
 from strands_actors.contract.safe_state import SafeState
 from strands_actors.contract.wire import MotorReport, Observation, Permit, PermitDenied, WireDown
-from strands_actors.drivers.common.malformed import MalformedFrame
-from strands_actors.drivers.common.receive_budget import ReceiveBudget
-from strands_actors.drivers.common.session_wire import SessionWire
+from strands_actors.drivers.common.codecs.malformed import MalformedFrame
+from strands_actors.drivers.common.kit.session_wire import SessionWire
+from strands_actors.drivers.common.ports.receive_budget import ReceiveBudget
 from strands_actors.drivers.franka.refusals import FrankaCode
 from strands_actors.kernel.clock import NS, Clock
 from strands_actors.kernel.health.heartbeat import Heartbeat, new_page, words_of

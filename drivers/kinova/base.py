@@ -12,8 +12,8 @@ import time
 from collections.abc import Callable, Mapping
 from typing import Any
 
-from strands_actors.drivers.common.malformed import MalformedFrame
-from strands_actors.drivers.common.physics import Plant
+from strands_actors.drivers.common.codecs.malformed import MalformedFrame
+from strands_actors.drivers.common.physics.physics import Plant
 from strands_actors.drivers.common.twin import Fault
 
 from . import protocol as p

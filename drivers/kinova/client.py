@@ -14,8 +14,8 @@ from typing import NamedTuple
 import trio
 
 from strands_actors.contract.wire import WireDown
-from strands_actors.drivers.common.malformed import MalformedFrame
-from strands_actors.drivers.common.tcp_port import ByteStream, TcpPort
+from strands_actors.drivers.common.codecs.malformed import MalformedFrame
+from strands_actors.drivers.common.ports.tcp_port import ByteStream, TcpPort
 from strands_actors.kernel.clock import NS, Clock
 
 from . import protocol as p

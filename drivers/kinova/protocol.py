@@ -16,8 +16,8 @@ from collections.abc import Iterator, Sequence
 
 import msgspec
 
-from strands_actors.drivers.common import protobuf as pb
-from strands_actors.drivers.common.malformed import MalformedFrame
+from strands_actors.drivers.common.codecs import protobuf as pb
+from strands_actors.drivers.common.codecs.malformed import MalformedFrame
 
 TCP_PORT = 10000
 MAGIC = b"\x07xEtRoK\x07"

@@ -2,6 +2,6 @@
 
 from __future__ import annotations
 
-from strands_actors.drivers.common.robot_tables import RobotTables
+from strands_actors.drivers.common.kit.robot_tables import RobotTables
 
 TABLES = RobotTables(__package__, "Kinova")

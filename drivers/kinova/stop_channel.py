@@ -22,8 +22,8 @@ import trio
 from strands_actors.contract.safe_state import SafeState
 from strands_actors.contract.stop_channels import KeptSession
 from strands_actors.contract.wire import MotorReport, WireDown
-from strands_actors.drivers.common.outcome import Outcome
-from strands_actors.drivers.common.tcp_port import TcpPort, open_tcp
+from strands_actors.drivers.common.kit.outcome import Outcome
+from strands_actors.drivers.common.ports.tcp_port import TcpPort, open_tcp
 from strands_actors.kernel.clock import Clock
 
 from .client import KortexClient, OpenStream, Page, log_in_at

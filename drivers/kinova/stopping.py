@@ -19,8 +19,8 @@ from collections.abc import Awaitable, Callable, Sequence
 import trio
 
 from strands_actors.contract.wire import MotorReport, WireDown
-from strands_actors.drivers.common.malformed import MalformedFrame
-from strands_actors.drivers.common.outcome import NOT_CONNECTED
+from strands_actors.drivers.common.codecs.malformed import MalformedFrame
+from strands_actors.drivers.common.kit.outcome import NOT_CONNECTED
 
 from .client import KortexClient, Refusal
 from .protocol import JOINTS, ArmState, Call, Feedback, Frame

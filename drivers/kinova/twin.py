@@ -13,8 +13,8 @@ import msgspec
 import trio
 
 from strands_actors.contract.options import option
-from strands_actors.drivers.common.controlled_body import ControlledBody
-from strands_actors.drivers.common.malformed import MalformedFrame
+from strands_actors.drivers.common.codecs.malformed import MalformedFrame
+from strands_actors.drivers.common.physics.controlled_body import ControlledBody
 from strands_actors.drivers.common.twin import (
     ClientGone,
     Exchange,

@@ -20,10 +20,10 @@ import trio
 
 from strands_actors.contract.safe_state import SafeState
 from strands_actors.contract.wire import MotorReport, Observation, Permit, PermitDenied, WireDown
-from strands_actors.drivers.common.malformed import MalformedFrame
-from strands_actors.drivers.common.outcome import NOT_CONNECTED
-from strands_actors.drivers.common.session_wire import SessionWire
-from strands_actors.drivers.common.tcp_port import ByteStream, open_tcp
+from strands_actors.drivers.common.codecs.malformed import MalformedFrame
+from strands_actors.drivers.common.kit.outcome import NOT_CONNECTED
+from strands_actors.drivers.common.kit.session_wire import SessionWire
+from strands_actors.drivers.common.ports.tcp_port import ByteStream, open_tcp
 from strands_actors.kernel.clock import NS, Clock
 from strands_actors.kernel.health.heartbeat import new_page
 

@@ -7,8 +7,8 @@ from ipaddress import IPv4Address
 import msgspec
 
 from strands_actors.contract.wire import WireDown
-from strands_actors.drivers.common.addresses import parse_address
-from strands_actors.drivers.common.udp_port import UdpListener, listen_udp
+from strands_actors.drivers.common.ports.addresses import parse_address
+from strands_actors.drivers.common.ports.udp_port import UdpListener, listen_udp
 
 from .robots import Arm
 

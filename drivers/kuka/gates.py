@@ -15,7 +15,7 @@ from strands_actors.contract.axis_gates import past_range
 from strands_actors.contract.driver import Candidate, Condition, ConditionCheck, GateCheck, GateState
 from strands_actors.contract.sensors import number_of
 from strands_actors.contract.wire import Observation
-from strands_actors.drivers.common.step_gates import refuse_step
+from strands_actors.drivers.common.kit.step_gates import refuse_step
 from strands_actors.drivers.kuka.refusals import KukaCode
 from strands_actors.kernel.clock import NS
 from strands_actors.kernel.messages import Refused

@@ -15,9 +15,9 @@ from collections.abc import Awaitable, Callable, Iterator, Sequence
 import trio
 
 from strands_actors.contract.wire import MotorReport, WireDown
-from strands_actors.drivers.common.malformed import MalformedFrame
-from strands_actors.drivers.common.receive_budget import ReceiveBudget
-from strands_actors.drivers.common.udp_port import UdpListener
+from strands_actors.drivers.common.codecs.malformed import MalformedFrame
+from strands_actors.drivers.common.ports.receive_budget import ReceiveBudget
+from strands_actors.drivers.common.ports.udp_port import UdpListener
 from strands_actors.kernel.clock import NS, Clock
 
 from .protocol import (
@@ -159,7 +159,7 @@ class Link:
 
     def _is_taken(self, hold: int) -> bool:
         """Return whether the controller reports that it has taken an answer that holds."""
-        return self.session.has_taken(self.said, hold)
+        return self.session.has_received_answer(self.said, hold)
 
     def _stands(self) -> bool:
         """Return whether the positions of the newest messages stand still.
@@ -184,7 +184,7 @@ class Link:
         if held and alone:
             detail = f"{alone}: {self._holder()}"
         elif not held and not detail:
-            detail = self._why_not_held(taken, alone)
+            detail = self._reason_not_held(taken, alone)
         return _reports(self._arm, written, taken, held, detail, self.session.commanded)
 
     def _holder(self) -> str:
@@ -194,7 +194,7 @@ class Link:
             return "it stands, in a stop of the robot's own"
         return "the robot's own program holds it"
 
-    def _why_not_held(self, taken: bool, alone: str) -> str:
+    def _reason_not_held(self, taken: bool, alone: str) -> str:
         if self.silent_s() > STAND_S:
             return f"no FRI message for {self.silent_s() * 1e3:.0f} ms"
         if not self._stands():

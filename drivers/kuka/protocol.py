@@ -17,8 +17,8 @@ from typing import Final
 
 import msgspec
 
-from strands_actors.drivers.common import protobuf as pb
-from strands_actors.drivers.common.malformed import MalformedFrame
+from strands_actors.drivers.common.codecs import protobuf as pb
+from strands_actors.drivers.common.codecs.malformed import MalformedFrame
 
 FRI_PORT: Final = 30200
 """UDP port of both ends."""

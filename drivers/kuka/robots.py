@@ -8,7 +8,7 @@ from functools import cache
 import msgspec
 
 from strands_actors.contract.axis import Axis, Part, PartKind
-from strands_actors.drivers.common.robot_tables import RobotTables
+from strands_actors.drivers.common.kit.robot_tables import RobotTables
 
 TABLES = RobotTables(__package__, "KUKA")
 

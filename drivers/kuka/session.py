@@ -106,7 +106,7 @@ class FriSession:
         ahead = (said.sequence - self._answered) & COUNTER
         return said.multiplier <= ahead <= COUNTER - LATE
 
-    def has_taken(self, said: Monitoring, number: int) -> bool:
+    def has_received_answer(self, said: Monitoring, number: int) -> bool:
         """Return whether the controller has taken answer ``number``, or a later one that was sent before the
         newest message arrived."""
         return has_reached(said.reflected, number) and has_reached(self._sent_by_then, said.reflected)

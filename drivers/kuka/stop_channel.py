@@ -14,7 +14,7 @@ import socket
 from strands_actors.contract.safe_state import SafeState
 from strands_actors.contract.stop_channels import DuplicateDescriptor
 from strands_actors.contract.wire import MotorReport
-from strands_actors.drivers.common.udp_port import UdpListener
+from strands_actors.drivers.common.ports.udp_port import UdpListener
 
 from .config import KukaConfig
 from .link import answer_instead, failed

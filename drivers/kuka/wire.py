@@ -10,7 +10,7 @@ import trio
 
 from strands_actors.contract.safe_state import SafeState
 from strands_actors.contract.wire import MotorReport, Observation, Permit, PermitDenied, WireDown
-from strands_actors.drivers.common.session_wire import PromptSessionWire
+from strands_actors.drivers.common.kit.session_wire import PromptSessionWire
 from strands_actors.kernel.clock import NS, Clock
 
 from .config import KeptPort, KukaConfig

@@ -8,7 +8,7 @@ from collections.abc import Mapping
 import msgspec
 
 from strands_actors.contract.wire import WireDown
-from strands_actors.drivers.common.addresses import is_host
+from strands_actors.drivers.common.ports.addresses import is_host
 
 from .protocol import ROBOT_SOCKET
 

@@ -12,7 +12,7 @@ from strands_actors.contract.axis import SHOWN, Axis, finite
 from strands_actors.contract.axis_gates import past_range
 from strands_actors.contract.driver import Candidate, Condition, GateCheck, GateState, OnResume
 from strands_actors.contract.wire import Observation
-from strands_actors.drivers.common.velocity_base import parse_twist
+from strands_actors.drivers.common.kit.velocity_base import parse_twist
 from strands_actors.drivers.microduck.refusals import MicroduckCode
 from strands_actors.kernel.clock import NS
 from strands_actors.kernel.messages import Refused

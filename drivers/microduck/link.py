@@ -7,14 +7,14 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 from strands_actors.contract.wire import WireDown
-from strands_actors.drivers.common.json_rpc import Call
-from strands_actors.drivers.common.json_rpc_port import JsonRpcPort, SaidNo
-from strands_actors.drivers.common.malformed import MalformedFrame
-from strands_actors.drivers.common.reporting_base import Report
-from strands_actors.drivers.common.ssh_forward import SshForward
-from strands_actors.drivers.common.stamps import Stamps
-from strands_actors.drivers.common.tcp_port import OrderlyStream
-from strands_actors.drivers.common.unix_port import open_unix
+from strands_actors.drivers.common.codecs.json_rpc import Call
+from strands_actors.drivers.common.codecs.malformed import MalformedFrame
+from strands_actors.drivers.common.kit.reporting_base import Report
+from strands_actors.drivers.common.kit.stamps import Stamps
+from strands_actors.drivers.common.ports.json_rpc_port import JsonRpcPort, SaidNo
+from strands_actors.drivers.common.ports.ssh_forward import SshForward
+from strands_actors.drivers.common.ports.tcp_port import OrderlyStream
+from strands_actors.drivers.common.ports.unix_port import open_unix
 from strands_actors.kernel.clock import NS, Clock
 
 from . import protocol as p

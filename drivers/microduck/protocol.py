@@ -12,7 +12,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
 from strands_actors.contract.axis import finite
-from strands_actors.drivers.common.malformed import MalformedFrame
+from strands_actors.drivers.common.codecs.malformed import MalformedFrame
 
 API_VERSION = 31
 """Our version in ``hello``. robotd accepts any version, and refuses the single calls that it does not

@@ -5,7 +5,7 @@ from __future__ import annotations
 import msgspec
 
 from strands_actors.contract.axis import Axis, AxisMode
-from strands_actors.drivers.common.robot_tables import RobotTables
+from strands_actors.drivers.common.kit.robot_tables import RobotTables
 
 TABLES = RobotTables(__package__, "Microduck")
 

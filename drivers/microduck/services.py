@@ -9,9 +9,9 @@ from typing import Any
 import trio
 
 from strands_actors.contract.wire import Permit, WireDown
-from strands_actors.drivers.common.json_rpc import METHOD_NOT_FOUND, Call
-from strands_actors.drivers.common.json_rpc_port import JsonRpcPort, SaidNo
-from strands_actors.drivers.common.malformed import MalformedFrame
+from strands_actors.drivers.common.codecs.json_rpc import METHOD_NOT_FOUND, Call
+from strands_actors.drivers.common.codecs.malformed import MalformedFrame
+from strands_actors.drivers.common.ports.json_rpc_port import JsonRpcPort, SaidNo
 from strands_actors.drivers.microduck.refusals import MicroduckCode
 from strands_actors.kernel.messages import Refused
 from strands_actors.kernel.refusals import Code

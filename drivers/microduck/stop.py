@@ -13,11 +13,11 @@ from typing import ClassVar
 from strands_actors.contract.safe_state import SafeState
 from strands_actors.contract.stop_channels import KeptSession
 from strands_actors.contract.wire import MotorReport, WireDown
-from strands_actors.drivers.common.json_rpc_port import SaidNo
-from strands_actors.drivers.common.malformed import MalformedFrame
-from strands_actors.drivers.common.outcome import Outcome
-from strands_actors.drivers.common.reporting_base import Report, stop_until_it_stands
-from strands_actors.drivers.common.velocity_base import nothing_pending
+from strands_actors.drivers.common.codecs.malformed import MalformedFrame
+from strands_actors.drivers.common.kit.outcome import Outcome
+from strands_actors.drivers.common.kit.reporting_base import Report, stop_until_it_stands
+from strands_actors.drivers.common.kit.velocity_base import nothing_pending
+from strands_actors.drivers.common.ports.json_rpc_port import SaidNo
 
 from . import protocol as p
 from .config import MicroduckConfig

@@ -16,7 +16,7 @@ import trio
 
 from strands_actors.contract.axis import finite
 from strands_actors.contract.options import option
-from strands_actors.drivers.common.json_rpc import (
+from strands_actors.drivers.common.codecs.json_rpc import (
     INVALID_PARAMS,
     INVALID_REQUEST,
     METHOD_NOT_FOUND,
@@ -28,8 +28,8 @@ from strands_actors.drivers.common.json_rpc import (
     encode_notification,
     encode_result,
 )
-from strands_actors.drivers.common.malformed import MalformedFrame
-from strands_actors.drivers.common.simulation_control.body import Hand
+from strands_actors.drivers.common.codecs.malformed import MalformedFrame
+from strands_actors.drivers.common.physics.body import Hand
 from strands_actors.drivers.common.twin import (
     ClientGone,
     Connection,

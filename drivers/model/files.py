@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from strands_actors.contract.lfs import pointer_reason
-from strands_actors.drivers.common.xml_text import Element
+from strands_actors.drivers.common.codecs.xml_text import Element
 
 MOST_CELLS = 1 << 26
 """Most cells of a height field or a texture: 8192 x 8192. MuJoCo makes several copies of each."""

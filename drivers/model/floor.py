@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from strands_actors.drivers.common.lean_mujoco import PLAIN, mujoco
+from strands_actors.drivers.common.physics.lean_mujoco import PLAIN, mujoco
 
 _TOUCHING_M = 1e-3
 _OBJECTS = 2

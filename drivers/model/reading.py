@@ -14,9 +14,9 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from strands_actors.contract.lfs import pointer_reason
-from strands_actors.drivers.common.lean_mujoco import PLAIN, mujoco
-from strands_actors.drivers.common.simulation_control.protocol import TIMESTEP_S
-from strands_actors.drivers.common.xml_text import Element, NotXml, parse
+from strands_actors.drivers.common.codecs.xml_text import Element, NotXml, parse
+from strands_actors.drivers.common.physics.body import TIMESTEP_S
+from strands_actors.drivers.common.physics.lean_mujoco import PLAIN, mujoco
 
 from .files import pointer_among, refuse_sizes
 from .floor import add_floor

@@ -9,9 +9,9 @@ from typing import Annotated, Any, Unpack
 import trio
 
 from strands_actors.contract.options import option
-from strands_actors.drivers.common.jointed_body import JointedBody
-from strands_actors.drivers.common.physics import Plant
-from strands_actors.drivers.common.simulation_control.body import Body
+from strands_actors.drivers.common.physics.body import Body
+from strands_actors.drivers.common.physics.jointed_body import JointedBody
+from strands_actors.drivers.common.physics.physics import Plant
 from strands_actors.drivers.common.twin import Start, TwinOptions, WireLog, read_twin_options, run_server
 
 from .reading import Read, read_model

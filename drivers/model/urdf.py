@@ -14,7 +14,7 @@ from typing import NamedTuple
 from urllib.parse import unquote
 
 from strands_actors.contract.lfs import pointer_reason
-from strands_actors.drivers.common.xml_text import Edit, Element, edited, escaped
+from strands_actors.drivers.common.codecs.xml_text import Edit, Element, edited, escaped
 
 READABLE = (".stl", ".obj", ".msh")
 """Suffixes of meshes that MuJoCo reads."""

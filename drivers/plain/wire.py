@@ -22,8 +22,8 @@ from strands_actors.contract.wire import (
     Wire,
     WireDown,
 )
-from strands_actors.drivers.common.outcome import Outcome
-from strands_actors.drivers.common.sdk import SdkCalls
+from strands_actors.drivers.common.kit.outcome import Outcome
+from strands_actors.drivers.common.kit.sdk import SdkCalls
 from strands_actors.kernel.clock import NS, Clock
 
 from .config import PlainConfig

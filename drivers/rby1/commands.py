@@ -15,8 +15,8 @@ from collections.abc import Iterator, Mapping, Sequence
 
 import msgspec
 
-from strands_actors.drivers.common import protobuf as pb
-from strands_actors.drivers.common.malformed import MalformedFrame
+from strands_actors.drivers.common.codecs import protobuf as pb
+from strands_actors.drivers.common.codecs.malformed import MalformedFrame
 
 NS = 1_000_000_000
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import msgspec
 
-from strands_actors.drivers.common.addresses import parse_address
+from strands_actors.drivers.common.ports.addresses import parse_address
 
 from .protocol import PORT
 

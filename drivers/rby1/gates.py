@@ -11,7 +11,7 @@ from strands_actors.contract.axis_gates import past_range, stale
 from strands_actors.contract.driver import Candidate, Condition, GateCheck, GateState, OnResume
 from strands_actors.contract.sensors import number_of
 from strands_actors.contract.wire import Observation
-from strands_actors.drivers.common.step_gates import refuse_lead, refuse_step
+from strands_actors.drivers.common.kit.step_gates import refuse_lead, refuse_step
 from strands_actors.drivers.rby1.refusals import RBY1Code
 from strands_actors.kernel.messages import Refused
 from strands_actors.kernel.refusals import Code

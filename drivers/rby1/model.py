@@ -7,8 +7,8 @@ from collections.abc import Sequence
 
 import msgspec
 
-from strands_actors.drivers.common.malformed import MalformedFrame
-from strands_actors.drivers.common.xml_text import Element, NotXml, parse
+from strands_actors.drivers.common.codecs.malformed import MalformedFrame
+from strands_actors.drivers.common.codecs.xml_text import Element, NotXml, parse
 
 MAX_CHARACTERS = 500_000
 _DECLARES = ("<!DOCTYPE", "<!ENTITY")

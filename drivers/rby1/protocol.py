@@ -12,8 +12,8 @@ from collections.abc import Iterator
 
 import msgspec
 
-from strands_actors.drivers.common import protobuf as pb
-from strands_actors.drivers.common.malformed import MalformedFrame
+from strands_actors.drivers.common.codecs import protobuf as pb
+from strands_actors.drivers.common.codecs.malformed import MalformedFrame
 
 PORT = 50051
 ALL = ".*"

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from strands_actors.contract.axis import Axis, Part, PartKind
-from strands_actors.drivers.common.robot_tables import RobotTables
+from strands_actors.drivers.common.kit.robot_tables import RobotTables
 
 from .commands import PARTS
 

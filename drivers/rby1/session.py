@@ -9,8 +9,8 @@ from typing import Any
 import trio
 
 from strands_actors.contract.wire import WireDown
-from strands_actors.drivers.common.grpc import Call, Connection, OpenStream, open_grpc
-from strands_actors.drivers.common.malformed import MalformedFrame
+from strands_actors.drivers.common.codecs.malformed import MalformedFrame
+from strands_actors.drivers.common.ports.grpc import Call, Connection, OpenStream, open_grpc
 from strands_actors.kernel.clock import NS, Clock
 
 from . import protocol as p

@@ -9,8 +9,8 @@ from collections.abc import Sequence
 
 import msgspec
 
-from strands_actors.drivers.common import protobuf as pb
-from strands_actors.drivers.common.malformed import MalformedFrame
+from strands_actors.drivers.common.codecs import protobuf as pb
+from strands_actors.drivers.common.codecs.malformed import MalformedFrame
 
 from .commands import encode_duration
 from .protocol import ManagerState, Power, double, messages

@@ -14,8 +14,8 @@ import trio
 from strands_actors.contract.safe_state import SafeState
 from strands_actors.contract.stop_channels import KeptSession
 from strands_actors.contract.wire import MotorReport
-from strands_actors.drivers.common.grpc import CallFailed, Connection, OpenStream, open_grpc
-from strands_actors.drivers.common.tcp_port import open_tcp
+from strands_actors.drivers.common.ports.grpc import CallFailed, Connection, OpenStream, open_grpc
+from strands_actors.drivers.common.ports.tcp_port import open_tcp
 from strands_actors.kernel.clock import Clock
 
 from .config import RBY1Config

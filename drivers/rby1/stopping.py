@@ -16,8 +16,8 @@ import trio
 
 from strands_actors.contract.safe_state import SafeState
 from strands_actors.contract.wire import MotorReport, WireDown
-from strands_actors.drivers.common.grpc import Call, CallFailed, Connection
-from strands_actors.drivers.common.malformed import MalformedFrame
+from strands_actors.drivers.common.codecs.malformed import MalformedFrame
+from strands_actors.drivers.common.ports.grpc import Call, CallFailed, Connection
 
 from . import protocol as p
 from .config import RBY1Config

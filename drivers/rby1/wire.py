@@ -14,11 +14,11 @@ import trio
 
 from strands_actors.contract.safe_state import SafeState
 from strands_actors.contract.wire import MotorReport, Observation, Permit, PermitDenied, WireDown
-from strands_actors.drivers.common.grpc import OpenStream
-from strands_actors.drivers.common.malformed import MalformedFrame
-from strands_actors.drivers.common.outcome import NOT_CONNECTED
-from strands_actors.drivers.common.session_wire import SessionWire
-from strands_actors.drivers.common.tcp_port import open_tcp
+from strands_actors.drivers.common.codecs.malformed import MalformedFrame
+from strands_actors.drivers.common.kit.outcome import NOT_CONNECTED
+from strands_actors.drivers.common.kit.session_wire import SessionWire
+from strands_actors.drivers.common.ports.grpc import OpenStream
+from strands_actors.drivers.common.ports.tcp_port import open_tcp
 from strands_actors.drivers.rby1.refusals import RBY1Code
 from strands_actors.kernel.clock import Clock
 from strands_actors.kernel.messages import Refused

@@ -9,8 +9,7 @@ from functools import cached_property
 from typing import Any
 
 from strands_actors.contract.axis import Axis
-from strands_actors.drivers.common.simulation_control.body import Felt, Hand
-from strands_actors.drivers.common.simulation_control.protocol import TIMESTEP_S
+from strands_actors.drivers.common.physics.body import TIMESTEP_S, Felt, Hand
 
 PEAK = 1.875
 """Peak speed of a minimum-jerk move, as a multiple of its average speed."""
@@ -131,7 +130,7 @@ class ReachyBody:
 
     @cached_property
     def spec(self) -> Any:
-        from strands_actors.drivers.common.model_rows import build  # MuJoCo, for the pictures only
+        from strands_actors.drivers.common.physics.model_rows import build  # MuJoCo, for the pictures only
 
         return build(self._table)
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 from strands_actors.contract.cameras import CameraSettings
 from strands_actors.contract.extras import missing
 from strands_actors.contract.wire import WireDown
-from strands_actors.drivers.common.webrtc import WebRtcVideo
+from strands_actors.drivers.common.ports.webrtc import WebRtcVideo
 
 from .driver import Reachy
 

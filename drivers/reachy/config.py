@@ -7,7 +7,7 @@ from urllib.parse import urlsplit
 
 import msgspec
 
-from strands_actors.drivers.common.addresses import parse_web_address
+from strands_actors.drivers.common.ports.addresses import parse_web_address
 
 _LONGEST = 1024
 """Most bytes of an address."""
@@ -18,8 +18,8 @@ LATE_S = 1.5
 motors]. The root uses separate connections, so its requests may overtake it."""
 
 
-def tell_place(host: str, number: int) -> int:
-    """Return a descriptor of memory with the address of the daemon, for ``at_told``."""
+def publish_address(host: str, number: int) -> int:
+    """Return a descriptor of memory with the address of the daemon, for ``at_published``."""
     memory = os.memfd_create("reachy")
     os.pwrite(memory, f"[{host}]:{number}".encode(), 0)
     return memory
@@ -55,8 +55,8 @@ class ReachyConfig(msgspec.Struct, frozen=True):
         service."""
         return tuple(self._address(place) for place in ((self.port,) if self.port else self.places))
 
-    def at_told(self, told: int) -> ReachyConfig:
-        """Return a copy with the address that ``tell_place`` wrote as its only one. Close the descriptor."""
+    def at_published(self, told: int) -> ReachyConfig:
+        """Return a copy with the address that ``publish_address`` wrote as its only one. Close the descriptor."""
         try:
             return msgspec.structs.replace(self, port=os.pread(told, _LONGEST, 0).decode())
         finally:

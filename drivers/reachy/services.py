@@ -11,9 +11,9 @@ import msgspec
 import trio
 
 from strands_actors.contract.wire import Observation, Permit, WireDown
-from strands_actors.drivers.common.http_messages import Response
-from strands_actors.drivers.common.http_port import HttpPort
-from strands_actors.drivers.common.malformed import MalformedFrame
+from strands_actors.drivers.common.codecs.http_messages import Response
+from strands_actors.drivers.common.codecs.malformed import MalformedFrame
+from strands_actors.drivers.common.ports.http_port import HttpPort
 from strands_actors.drivers.reachy.refusals import ReachyCode
 from strands_actors.kernel.messages import Refused
 
@@ -190,7 +190,7 @@ class Services:
         client's move runs."""
         running = await client.ask("GET", p.RUNNING, within_s=BEGIN_S)
         if running.status != p.OK:
-            return _said_no(running.status, running.body)
+            return _daemon_refusal(running.status, running.body)
         if self._moves.others(p.decode_running(running.body)):
             return IGNORED
         if self._moves.running:
@@ -198,7 +198,7 @@ class Services:
             await client.ask("POST", p.STOP, stop, within_s=ASK_S, permit=permit)
         answer = await self._energise(client, target, body, permit, BEGIN_S)
         if answer.status != p.OK:
-            return _said_no(answer.status, answer.body)
+            return _daemon_refusal(answer.status, answer.body)
         uuid = p.decode_move(answer.body)
         self._moves.begin(uuid)
         if await self._moves.ignored(uuid):
@@ -235,7 +235,7 @@ class Services:
     async def _switch(self, client: HttpPort, mode: str, permit: Permit) -> dict[str, Any] | Refused:
         answer = await self._energise(client, f"{p.SET_MODE}{mode}", b"", permit, SWITCH_S)
         if answer.status != p.OK:
-            return _said_no(answer.status, answer.body)
+            return _daemon_refusal(answer.status, answer.body)
         return {"mode": mode}
 
     async def _express(self, client: HttpPort, move: str, dataset: str, permit: Permit) -> dict[str, Any] | Refused:
@@ -252,7 +252,7 @@ class Services:
     async def _names(self, client: HttpPort, dataset: str) -> list[str] | Refused:
         answer = await client.ask("GET", f"{p.LIST_MOVES}{dataset}", within_s=FETCH_S)
         if answer.status != p.OK:
-            return _said_no(answer.status, answer.body)
+            return _daemon_refusal(answer.status, answer.body)
         return p.decode_names(answer.body)
 
     async def _turn_to_sound(self, client: HttpPort, permit: Permit, seen: Observation) -> dict[str, Any] | Refused:
@@ -286,7 +286,7 @@ class Services:
         body = msgspec.json.encode({"weight": float(given.get("weight", 1.0))})
         answer = await self._energise(client, p.TRACKING_ON, body, permit, BEGIN_S)
         if answer.status != p.OK:
-            return _said_no(answer.status, answer.body)
+            return _daemon_refusal(answer.status, answer.body)
         if p.decode_object(answer.body).get("enabled") is not True:
             return Refused(ReachyCode.NO_CAMERA, "the daemon has no camera to track with", "connect one")
         return {"tracking": True}
@@ -311,7 +311,7 @@ class Services:
         kind = f"multipart/form-data; boundary={BOUNDARY}"
         taken = await client.ask("POST", p.UPLOAD_SOUND, body, within_s=ASK_S, permit=permit, kind=kind)
         if taken.status != p.OK:
-            return _said_no(taken.status, taken.body)
+            return _daemon_refusal(taken.status, taken.body)
         play = msgspec.json.encode({"file": SPEECH})
         return await self._post(client, p.PLAY_SOUND, play, permit, {"said": text})
 
@@ -319,15 +319,15 @@ class Services:
         answer = await client.ask("GET", target, within_s=ASK_S)
         if answer.status == p.OK:
             return answer.body
-        return _said_no(answer.status, answer.body)
+        return _daemon_refusal(answer.status, answer.body)
 
     async def _post(
         self, client: HttpPort, target: str, body: bytes, permit: Permit, done: dict[str, Any]
     ) -> dict[str, Any] | Refused:
         answer = await client.ask("POST", target, body, within_s=ASK_S, permit=permit)
-        return done if answer.status == p.OK else _said_no(answer.status, answer.body)
+        return done if answer.status == p.OK else _daemon_refusal(answer.status, answer.body)
 
 
-def _said_no(status: int, body: bytes) -> Refused:
+def _daemon_refusal(status: int, body: bytes) -> Refused:
     text = body[:120].decode("utf-8", "replace")
     return Refused(ReachyCode.DAEMON, f"the daemon answers status {status}: {text}", "look at its log", str(status))

@@ -24,12 +24,12 @@ import trio
 from strands_actors.contract.safe_state import SafeState
 from strands_actors.contract.stop_channels import KeptSession
 from strands_actors.contract.wire import MotorReport, WireDown
-from strands_actors.drivers.common.http_port import HttpPort
-from strands_actors.drivers.common.malformed import MalformedFrame
-from strands_actors.drivers.common.outcome import Outcome
-from strands_actors.drivers.common.tcp_port import NobodyListens
-from strands_actors.drivers.common.velocity_base import nothing_pending
-from strands_actors.drivers.common.websocket import WebSocket, begin_websocket, open_websocket
+from strands_actors.drivers.common.codecs.malformed import MalformedFrame
+from strands_actors.drivers.common.kit.outcome import Outcome
+from strands_actors.drivers.common.kit.velocity_base import nothing_pending
+from strands_actors.drivers.common.ports.http_port import HttpPort
+from strands_actors.drivers.common.ports.tcp_port import NobodyListens
+from strands_actors.drivers.common.ports.websocket import WebSocket, begin_websocket, open_websocket
 from strands_actors.kernel.clock import Clock
 
 from . import protocol as p
@@ -163,7 +163,7 @@ class Stopper:
         return self.detail
 
     @property
-    def nobody_there(self) -> bool:
+    def no_daemon_there(self) -> bool:
         """Whether the connection is refused, so that no daemon runs there. A daemon that does not answer may
         still be the robot's."""
         return not self.written and self._is_refused
@@ -264,12 +264,12 @@ async def _drain(socket: WebSocket) -> None:
 
 class ReachyStopChannel(KeptSession[ReachyConfig, WebSocket]):
     """The root's stop channel. It keeps a WebSocket open where the wire found the daemon, and makes others when
-    needed. ``descriptors`` has that address (``config.tell_place``), or is empty."""
+    needed. ``descriptors`` has that address (``config.publish_address``), or is empty."""
 
     SERVED_FIRST: ClassVar[bool] = False
 
     def __init__(self, config: ReachyConfig, descriptors: Sequence[int], clock: Clock) -> None:
-        super().__init__(config.at_told(descriptors[0]) if descriptors else config, (), clock)
+        super().__init__(config.at_published(descriptors[0]) if descriptors else config, (), clock)
 
     @property
     def hosts(self) -> Sequence[str]:
@@ -289,10 +289,10 @@ class ReachyStopChannel(KeptSession[ReachyConfig, WebSocket]):
             await session.receive()  # The state is dropped, but the daemon's send buffer stays empty.
 
     async def make_safe_by(self, session: WebSocket | None, safe_state: SafeState) -> tuple[MotorReport, ...]:
-        return await stop_everywhere(self.config, safe_state, session)
+        return await stop_all_addresses(self.config, safe_state, session)
 
 
-async def stop_everywhere(
+async def stop_all_addresses(
     config: ReachyConfig, safe_state: SafeState, session: WebSocket | None = None
 ) -> tuple[MotorReport, ...]:
     """Stop the robot at each possible address. Never raises.
@@ -321,7 +321,7 @@ async def stop_everywhere(
     finally:
         for stopper in stoppers:
             stopper.close()
-    asked = [stopper for stopper in stoppers if not stopper.nobody_there] or stoppers
+    asked = [stopper for stopper in stoppers if not stopper.no_daemon_there] or stoppers
     outcome = Outcome(
         written=any(stopper.written for stopper in asked),
         acknowledged=all(stopper.acknowledged for stopper in asked),

@@ -18,8 +18,8 @@ import trio
 
 from strands_actors.contract.axis import finite
 from strands_actors.contract.options import option
-from strands_actors.drivers.common.http_messages import Request
-from strands_actors.drivers.common.malformed import MalformedFrame
+from strands_actors.drivers.common.codecs.http_messages import Request
+from strands_actors.drivers.common.codecs.malformed import MalformedFrame
 from strands_actors.drivers.common.twin import (
     Fault,
     Faults,

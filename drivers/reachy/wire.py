@@ -21,17 +21,17 @@ import trio
 from strands_actors.contract.rotations import roll_pitch_yaw
 from strands_actors.contract.safe_state import SafeState
 from strands_actors.contract.wire import MotorReport, Observation, Permit, PermitDenied, Wire, WireDown
-from strands_actors.drivers.common.http_port import HttpPort
-from strands_actors.drivers.common.malformed import MalformedFrame
-from strands_actors.drivers.common.outcome import Outcome
-from strands_actors.drivers.common.websocket import WebSocket, open_websocket
+from strands_actors.drivers.common.codecs.malformed import MalformedFrame
+from strands_actors.drivers.common.kit.outcome import Outcome
+from strands_actors.drivers.common.ports.http_port import HttpPort
+from strands_actors.drivers.common.ports.websocket import WebSocket, open_websocket
 from strands_actors.kernel.clock import NS, Clock
 from strands_actors.kernel.messages import Refused
 
 from . import protocol as p
-from .config import ReachyConfig, tell_place
+from .config import ReachyConfig, publish_address
 from .services import Moves, Services
-from .stop import STOP_S, Stopper, send_at_once, stop_everywhere
+from .stop import STOP_S, Stopper, send_at_once, stop_all_addresses
 
 STATUS_S = 10.0
 """Timeout for the daemon's status."""
@@ -97,7 +97,7 @@ class ReachyWire(Wire):
             while self._head is None or self._joints is None:
                 self._hear(await self._sdk.receive())
         self._battery_pct, self._battery_ns = status.battery_pct, self._clock.now_ns()
-        self._told = tell_place(*self._where)
+        self._told = publish_address(*self._where)
         return {
             "service": self._url,
             "daemon_version": status.version,
@@ -340,7 +340,7 @@ class ReachyWire(Wire):
         """Stop on the open connection, unless a command may wait on another one. The daemon could then read the
         stop before that command, so a new connection is used."""
         if not self._where[0]:
-            return await stop_everywhere(self._config, safe_state)
+            return await stop_all_addresses(self._config, safe_state)
         socket = self._sdk if self._pending() is None and not self._given_up else None
         stopper = Stopper(*self._where, socket, lambda: self._nursery is not None, lambda: self._moves.running)
         try:

@@ -7,8 +7,7 @@ from collections.abc import Mapping, Sequence
 from functools import cached_property
 from typing import Any
 
-from strands_actors.drivers.common.simulation_control.body import Felt, Hand
-from strands_actors.drivers.common.simulation_control.protocol import TIMESTEP_S
+from strands_actors.drivers.common.physics.body import TIMESTEP_S, Felt, Hand
 
 from .mechanism import Gripper
 from .protocol import TOP
@@ -27,7 +26,7 @@ class GripperBody:
 
     @cached_property
     def spec(self) -> Any:
-        from strands_actors.drivers.common.model_rows import build  # MuJoCo, for the pictures only
+        from strands_actors.drivers.common.physics.model_rows import build  # MuJoCo, for the pictures only
 
         return build(self._table)
 

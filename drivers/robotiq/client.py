@@ -70,7 +70,7 @@ class GripperClient(ABC):
 
     @property
     @abstractmethod
-    def hears_part(self) -> bool:
+    def has_partial_answer(self) -> bool:
         """Whether an answer has arrived in part only."""
 
     @abstractmethod

@@ -5,7 +5,7 @@ from __future__ import annotations
 import msgspec
 
 from strands_actors.contract.wire import MotorReport
-from strands_actors.drivers.common.addresses import parse_address
+from strands_actors.drivers.common.ports.addresses import parse_address
 
 AXIS = "gripper"
 

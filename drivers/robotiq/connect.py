@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Awaitable, Callable
 
 from strands_actors.contract.wire import WireDown
-from strands_actors.drivers.common.modbus import ModbusClient
-from strands_actors.drivers.common.serial_port import BytePort, open_serial
-from strands_actors.drivers.common.tcp_port import ByteStream
+from strands_actors.drivers.common.ports.modbus import ModbusClient
+from strands_actors.drivers.common.ports.serial_port import BytePort, open_serial
+from strands_actors.drivers.common.ports.tcp_port import ByteStream
 from strands_actors.kernel.clock import Clock
 
 from .client import GripperClient

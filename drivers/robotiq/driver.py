@@ -25,7 +25,7 @@ from strands_actors.contract.options import DriverOptions, meanings, option, pla
 from strands_actors.contract.safe_state import SafeState
 from strands_actors.contract.tool_verbs import MOVE_TO, SENSORS, STATUS, STOP, ToolVerb
 from strands_actors.contract.wire import Observation
-from strands_actors.drivers.common.addresses import check_device
+from strands_actors.drivers.common.ports.addresses import check_device
 from strands_actors.kernel.messages import Refused
 from strands_actors.kernel.refusals import Code
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from strands_actors.drivers.common.robot_tables import RobotTables
+from strands_actors.drivers.common.kit.robot_tables import RobotTables
 
 TABLES = RobotTables(__package__, "Robotiq")
 

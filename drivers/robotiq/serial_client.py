@@ -11,11 +11,11 @@ import trio
 from pymodbus.pdu.register_message import ReadInputRegistersRequest, WriteMultipleRegistersRequest
 
 from strands_actors.contract.wire import Permit, WireDown
-from strands_actors.drivers.common import modbus_rtu
-from strands_actors.drivers.common.half_duplex import HalfDuplexBus, Quiet
-from strands_actors.drivers.common.modbus import SILENT_S
-from strands_actors.drivers.common.modbus_rtu import RtuDecoder, RtuFrame
-from strands_actors.drivers.common.serial_port import BytePort
+from strands_actors.drivers.common.ports import modbus_rtu
+from strands_actors.drivers.common.ports.half_duplex import HalfDuplexBus, Quiet
+from strands_actors.drivers.common.ports.modbus import SILENT_S
+from strands_actors.drivers.common.ports.modbus_rtu import RtuDecoder, RtuFrame
+from strands_actors.drivers.common.ports.serial_port import BytePort
 from strands_actors.kernel.clock import NS, Clock
 
 from . import protocol
@@ -54,7 +54,7 @@ class SerialGripper(GripperClient):
         self.descriptors = (port.fileno(),)
 
     async def clear_way(self) -> None:
-        await self._bus.hear_out()
+        await self._bus.discard_pending()
 
     def write(self, command: Command) -> None:
         request = WriteMultipleRegistersRequest(
@@ -97,7 +97,7 @@ class SerialGripper(GripperClient):
         """Do nothing: a request is sent only when its answer is awaited."""
 
     @property
-    def hears_part(self) -> bool:
+    def has_partial_answer(self) -> bool:
         return self._hears_part
 
     @property
@@ -115,7 +115,7 @@ class SerialGripper(GripperClient):
     async def _asked(self) -> Status | None:
         """Send one request. Return None if no answer came, or if it is too early to ask again."""
         bus = self._bus
-        await bus.hear_out()
+        await bus.discard_pending()
         self._tell(bus.refusals.get(self._unit))
         if self._waiting_since_ns is None:
             self._waiting_since_ns = self._clock.now_ns()

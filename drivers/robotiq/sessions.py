@@ -22,8 +22,8 @@ from pymodbus.pdu.register_message import (
     WriteSingleRegisterResponse,
 )
 
-from strands_actors.drivers.common import modbus, modbus_rtu
-from strands_actors.drivers.common.malformed import MalformedFrame
+from strands_actors.drivers.common.codecs.malformed import MalformedFrame
+from strands_actors.drivers.common.ports import modbus, modbus_rtu
 from strands_actors.drivers.common.twin import ClientGone, Exchange, Fault, Reply
 
 from . import protocol as p

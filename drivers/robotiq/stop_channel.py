@@ -8,8 +8,8 @@ from functools import partial
 from strands_actors.contract.safe_state import SafeState
 from strands_actors.contract.stop_channels import DuplicateDescriptor
 from strands_actors.contract.wire import MotorReport, WireDown
-from strands_actors.drivers.common.serial_port import adopt_serial, open_serial
-from strands_actors.drivers.common.tcp_port import open_tcp
+from strands_actors.drivers.common.ports.serial_port import adopt_serial, open_serial
+from strands_actors.drivers.common.ports.tcp_port import open_tcp
 from strands_actors.kernel.clock import Clock
 
 from .client import GripperClient, hold

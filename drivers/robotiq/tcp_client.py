@@ -5,7 +5,7 @@ from __future__ import annotations
 import trio
 
 from strands_actors.contract.wire import Permit
-from strands_actors.drivers.common.modbus import ModbusClient
+from strands_actors.drivers.common.ports.modbus import ModbusClient
 
 from . import protocol
 from .client import GripperClient
@@ -55,8 +55,8 @@ class TcpGripper(GripperClient):
         return None if registers is None else Status.from_registers(registers)
 
     @property
-    def hears_part(self) -> bool:
-        return self._client.hears_part
+    def has_partial_answer(self) -> bool:
+        return self._client.has_partial_answer
 
     def forget(self, number: int) -> None:
         self._client.forget(number)

@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterator, Mapping
 from typing import Annotated, Any, Literal, Unpack
 
 from strands_actors.contract.options import option
-from strands_actors.drivers.common.simulation_control.body import Body
+from strands_actors.drivers.common.physics.body import Body
 from strands_actors.drivers.common.twin import (
     Exchange,
     Fault,

@@ -12,10 +12,10 @@ import trio
 
 from strands_actors.contract.safe_state import SafeState
 from strands_actors.contract.wire import MotorReport, Observation, Permit, PermitDenied, WireDown
-from strands_actors.drivers.common.modbus import NotUnderstood
-from strands_actors.drivers.common.serial_port import open_serial
-from strands_actors.drivers.common.session_wire import SessionWire
-from strands_actors.drivers.common.tcp_port import open_tcp
+from strands_actors.drivers.common.kit.session_wire import SessionWire
+from strands_actors.drivers.common.ports.modbus import NotUnderstood
+from strands_actors.drivers.common.ports.serial_port import open_serial
+from strands_actors.drivers.common.ports.tcp_port import open_tcp
 from strands_actors.kernel.clock import NS, Clock
 
 from . import protocol
@@ -198,7 +198,7 @@ class RobotiqWire(SessionWire[RobotiqSession]):
             if known is not None:
                 with contextlib.suppress(NotUnderstood):
                     status = await gripper.status(READ_S)
-                    if status is not None or not gripper.hears_part:
+                    if status is not None or not gripper.has_partial_answer:
                         known = status or Status()
             return await hold(gripper, known or Status(), self._config)
         except WireDown:

@@ -21,7 +21,8 @@ from strands_actors.contract.driver import HOLDING_REASONS, Candidate, Driver, G
 from strands_actors.contract.safe_state import SafeState
 from strands_actors.contract.tool_verbs import ToolVerb
 from strands_actors.contract.wire import Observation
-from strands_actors.drivers.common.simulation_control.protocol import MOST_STEPS, STEP_S, TIMESTEP_S
+from strands_actors.drivers.common.physics.body import TIMESTEP_S
+from strands_actors.drivers.common.simulation_control.protocol import MOST_STEPS, STEP_S
 from strands_actors.kernel.messages import Refused
 
 from .config import SimConfig

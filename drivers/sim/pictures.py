@@ -14,7 +14,7 @@ import trio
 
 from strands_actors.contract.cameras import CameraSettings, Picture
 from strands_actors.contract.wire import WireDown
-from strands_actors.drivers.common.lean_mujoco import mujoco
+from strands_actors.drivers.common.physics.lean_mujoco import mujoco
 from strands_actors.drivers.common.simulation_control import protocol as p
 from strands_actors.drivers.common.simulation_control.client import Refusal, SimulationClient
 from strands_actors.drivers.common.simulation_control.renderer import CannotRender, SceneRenderer, plain

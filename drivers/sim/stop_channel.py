@@ -5,9 +5,9 @@ from __future__ import annotations
 from strands_actors.contract.safe_state import SafeState
 from strands_actors.contract.stop_channels import ConnectWhenNeeded
 from strands_actors.contract.wire import MotorReport, WireDown
-from strands_actors.drivers.common.outcome import Outcome
+from strands_actors.drivers.common.kit.outcome import Outcome
+from strands_actors.drivers.common.physics.body import Hand
 from strands_actors.drivers.common.simulation_control import protocol as p
-from strands_actors.drivers.common.simulation_control.body import Hand
 from strands_actors.drivers.common.simulation_control.client import SimulationClient
 
 from .config import SimConfig

@@ -8,7 +8,7 @@ from typing import Any
 import trio
 
 from strands_actors.contract.wire import WireDown
-from strands_actors.drivers.common.lean_mujoco import mujoco
+from strands_actors.drivers.common.physics.lean_mujoco import mujoco
 from strands_actors.drivers.common.simulation_control import protocol as p
 from strands_actors.drivers.common.simulation_control.client import SimulationClient
 from strands_actors.drivers.common.simulation_control.scene import View, look

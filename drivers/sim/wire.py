@@ -9,9 +9,9 @@ import trio
 
 from strands_actors.contract.safe_state import SafeState
 from strands_actors.contract.wire import MotorReport, Observation, Permit, Wire, WireDown
-from strands_actors.drivers.common.outcome import NOT_CONNECTED
+from strands_actors.drivers.common.kit.outcome import NOT_CONNECTED
+from strands_actors.drivers.common.physics.body import Hand
 from strands_actors.drivers.common.simulation_control import protocol as p
-from strands_actors.drivers.common.simulation_control.body import Hand
 from strands_actors.drivers.common.simulation_control.client import Refusal, SimulationClient
 from strands_actors.drivers.sim.refusals import SimCode
 from strands_actors.kernel.clock import NS, Clock

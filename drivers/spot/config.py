@@ -13,7 +13,7 @@ import msgspec
 
 from strands_actors.contract.axis import Axis
 from strands_actors.contract.wire import WireDown
-from strands_actors.drivers.common.addresses import parse_address
+from strands_actors.drivers.common.ports.addresses import parse_address
 
 from .protocol import PORT
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 import trio
 
 from strands_actors.contract.wire import Permit, WireDown
-from strands_actors.drivers.common.malformed import MalformedFrame
+from strands_actors.drivers.common.codecs.malformed import MalformedFrame
 from strands_actors.kernel.clock import NS
 
 from . import protocol as p

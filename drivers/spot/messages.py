@@ -13,8 +13,8 @@ from collections.abc import Mapping, Sequence
 from functools import cache
 from typing import Any
 
-from strands_actors.drivers.common import protobuf as pb
-from strands_actors.drivers.common.malformed import MalformedFrame
+from strands_actors.drivers.common.codecs import protobuf as pb
+from strands_actors.drivers.common.codecs.malformed import MalformedFrame
 
 Message = dict[str, Any]
 

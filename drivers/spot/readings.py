@@ -59,7 +59,7 @@ def held_at(reading: Reading) -> Targets:
     return (*(0.0 for _ in BASE), *(None if math.isnan(angle) else angle for angle in angles))
 
 
-def why_moving(reading: Reading) -> str:
+def reason_moving(reading: Reading) -> str:
     """Return why the robot is not known to stand still; empty if it does."""
     if reading.motors is Motors.OFF:
         return ""

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from strands_actors.contract.axis import Axis, AxisMode, Part, PartKind
-from strands_actors.drivers.common.robot_tables import RobotTables
+from strands_actors.drivers.common.kit.robot_tables import RobotTables
 
 TABLES = RobotTables(__package__, "Spot")
 

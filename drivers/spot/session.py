@@ -14,10 +14,10 @@ from pathlib import Path
 from typing import Protocol
 
 from strands_actors.contract.wire import Permit, WireDown
-from strands_actors.drivers.common.grpc import Call, CallFailed, Connection, Stream
-from strands_actors.drivers.common.grpc_messages import ClientEnd, Header
-from strands_actors.drivers.common.malformed import MalformedFrame
-from strands_actors.drivers.common.tls_port import open_tls
+from strands_actors.drivers.common.codecs.grpc_messages import ClientEnd, Header
+from strands_actors.drivers.common.codecs.malformed import MalformedFrame
+from strands_actors.drivers.common.ports.grpc import Call, CallFailed, Connection, Stream
+from strands_actors.drivers.common.ports.tls_port import open_tls
 from strands_actors.kernel.clock import NS, Clock
 
 from . import protocol as p
@@ -134,7 +134,7 @@ class SpotSession:
         await self._connect(self._authority(p.METHODS[name].service))
         return await self.answer(self.ask(name, body), within_s)
 
-    async def connect_unheard(self, service: str) -> None:
+    async def connect_without_answer(self, service: str) -> None:
         """Connect without waiting for an answer. A stop uses this when the robot may understand us
         although its answers are unreadable. Raise ``WireDown``."""
         await self._connect(self._authority(service), settle=False)

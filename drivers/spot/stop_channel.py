@@ -15,7 +15,7 @@ import trio
 from strands_actors.contract.safe_state import SafeState
 from strands_actors.contract.stop_channels import KeptSession
 from strands_actors.contract.wire import MotorReport, WireDown
-from strands_actors.drivers.common.outcome import Outcome, names_of
+from strands_actors.drivers.common.kit.outcome import Outcome, names_of
 from strands_actors.kernel.clock import Clock
 
 from .config import SpotConfig

@@ -9,7 +9,7 @@ import trio
 
 from strands_actors.contract.safe_state import SafeState
 from strands_actors.contract.wire import WireDown
-from strands_actors.drivers.common.outcome import Outcome
+from strands_actors.drivers.common.kit.outcome import Outcome
 
 from . import protocol as p
 from .control import NOTHING_SINCE, EstopEndpoint, FreshState
@@ -77,7 +77,7 @@ class _Stop:
             detail = await self._assert()
             if detail:
                 return detail
-        detail = why_on(await self._fresh.read())
+        detail = reason_not_off(await self._fresh.read())
         if not detail or not self.is_anothers:
             return detail
         owner = p.body_owner(await self._session.call("ListLeases", {}))
@@ -104,7 +104,7 @@ class _Stop:
         return f"not confirmed: a check-in is answered with status {status}"
 
 
-def why_on(reading: p.Reading | None) -> str:
+def reason_not_off(reading: p.Reading | None) -> str:
     """Return why the motors are not known to be off; empty if they are off.
 
     Args:

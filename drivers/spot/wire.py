@@ -16,8 +16,8 @@ import trio
 
 from strands_actors.contract.safe_state import SafeState
 from strands_actors.contract.wire import MotorReport, Observation, Permit, PermitDenied, WireDown
-from strands_actors.drivers.common.outcome import NOT_CONNECTED, Outcome, names_of
-from strands_actors.drivers.common.session_wire import SessionWire
+from strands_actors.drivers.common.kit.outcome import NOT_CONNECTED, Outcome, names_of
+from strands_actors.drivers.common.kit.session_wire import SessionWire
 from strands_actors.drivers.spot.refusals import SpotCode
 from strands_actors.kernel.clock import NS, Clock
 from strands_actors.kernel.messages import Refused
@@ -39,10 +39,10 @@ from .control import (
 )
 from .gates import COMMAND, ESTOP, LEASE
 from .messages import Message
-from .readings import Targets, held_at, observe, why_moving
+from .readings import Targets, held_at, observe, reason_moving
 from .robots import ARM, BASE, CLAW, DRIVES, KEYS, MOVES_ARM, MOVES_CLAW
 from .session import ANSWER_S, Asked, NoAnswer, OpenStream, SpotSession
-from .stopping import LOOK_S, stop_by_estop, why_on
+from .stopping import LOOK_S, reason_not_off, stop_by_estop
 
 RENEW_LOOK_S = 1.0
 """Period of the check whether the token or the robot's clock has to be renewed."""
@@ -328,12 +328,12 @@ class SpotWire(SessionWire[SpotSession]):
                         return self._reports(Outcome(written, True, ""))
                     is_nobodys, detail = True, f"not confirmed: {lost}"
                 except WireDown as down:
-                    written = written or isinstance(down, NoAnswer) or await self._said_unheard(p.STOP)
+                    written = written or isinstance(down, NoAnswer) or await self._send_without_answer(p.STOP)
                     detail = f"not confirmed: {down}"
                 await trio.sleep(LOOK_S)
         return self._reports(Outcome(written, acknowledged, detail))
 
-    async def _said_unheard(self, command: Message) -> bool:
+    async def _send_without_answer(self, command: Message) -> bool:
         """Send a command with our lease on a new connection, without waiting for an answer.
 
         Damaged answers end a connection, and the robot may understand us all the same.
@@ -345,7 +345,7 @@ class SpotWire(SessionWire[SpotSession]):
         if session is None or not self._lease.is_held:
             return False
         try:
-            await session.connect_unheard("robot-command")
+            await session.connect_without_answer("robot-command")
             self._send(command, None)
         except WireDown:  # The report shows that the stop is not confirmed.
             return False
@@ -364,7 +364,7 @@ class SpotWire(SessionWire[SpotSession]):
             asked = session.ask("PowerCommand", {"lease": self._lease.use(), "request": p.POWER_OFF})
             self._lease.check(await session.answer(asked))
             return "not confirmed: its motors are being powered on", ()
-        detail = why_moving(reading)
+        detail = reason_moving(reading)
         return detail, () if detail else held_at(reading)
 
     async def _sit(self) -> tuple[Outcome, str]:
@@ -384,7 +384,7 @@ class SpotWire(SessionWire[SpotSession]):
                 acknowledged = True
                 fresh = FreshState(self.session)
                 while True:
-                    detail = why_on(await fresh.read())
+                    detail = reason_not_off(await fresh.read())
                     if not detail:
                         break
                     await trio.sleep(LOOK_S)
@@ -396,7 +396,7 @@ class SpotWire(SessionWire[SpotSession]):
                     self._faults[LEASE] = str(lost)
                 detail = f"not confirmed: {lost}"
             except WireDown as down:
-                written = written or isinstance(down, NoAnswer) or await self._said_unheard(p.SAFE_POWER_OFF)
+                written = written or isinstance(down, NoAnswer) or await self._send_without_answer(p.SAFE_POWER_OFF)
                 detail = f"not confirmed: {down}"
         return Outcome(written, acknowledged, detail), ""
 
@@ -422,7 +422,7 @@ class SpotWire(SessionWire[SpotSession]):
 
             async def by_lease() -> None:
                 nonlocal sent
-                sent = await self._said_unheard(p.STOP if safe_state == SafeState.HOLD else p.SAFE_POWER_OFF)
+                sent = await self._send_without_answer(p.STOP if safe_state == SafeState.HOLD else p.SAFE_POWER_OFF)
 
             async with trio.open_nursery() as nursery:
                 if safe_state != SafeState.OFF:

@@ -7,9 +7,9 @@ from collections.abc import Callable
 import trio
 
 from strands_actors.contract.wire import Permit, WireDown
-from strands_actors.drivers.common.half_duplex import HalfDuplexBus
-from strands_actors.drivers.common.malformed import MalformedFrame
-from strands_actors.drivers.common.serial_port import BytePort
+from strands_actors.drivers.common.codecs.malformed import MalformedFrame
+from strands_actors.drivers.common.ports.half_duplex import HalfDuplexBus
+from strands_actors.drivers.common.ports.serial_port import BytePort
 from strands_actors.kernel.clock import Clock
 
 from . import frames as f
@@ -54,7 +54,7 @@ class Board:
         self.bus.send(f.RESYNC + f.push(call))
 
     def tell(self, call: bytes) -> None:
-        """Send a short call. ``was_told`` waits for its acknowledgement."""
+        """Send a short call. ``was_acknowledged`` waits for its acknowledgement."""
         self._is_owed = not (self.bus.quiet or self._line.locked())
         if not self._is_owed:
             self.send(call)
@@ -62,13 +62,13 @@ class Board:
         self.port.discard_input()  # old acknowledgements of ``send``
         self.bus.send_owed(f.push(call), {f.PUSH_ACK: 0})
 
-    async def was_told(self) -> bool:
+    async def was_acknowledged(self) -> bool:
         """Return True if the last ``tell`` was acknowledged. Return False, too, if its answer cannot be
         distinguished from another pending one."""
         if not self._is_owed:
             return False
         async with self._line:
-            await self.bus.hear_out()
+            await self.bus.discard_pending()
         return not self.bus.quiet
 
     async def identify(self, kind: p.Kind) -> None:

@@ -14,8 +14,8 @@ from strands_actors.drivers.common.dynamixel import protocol, table
 from strands_actors.drivers.common.dynamixel.safing import DynamixelSafing
 from strands_actors.drivers.common.dynamixel.watchdog import FEED_S, UNARMED
 from strands_actors.drivers.common.dynamixel.wire import DynamixelStopChannel, DynamixelWire
-from strands_actors.drivers.common.half_duplex import HalfDuplexBus
-from strands_actors.drivers.common.serial_port import BytePort, open_serial
+from strands_actors.drivers.common.ports.half_duplex import HalfDuplexBus
+from strands_actors.drivers.common.ports.serial_port import BytePort, open_serial
 from strands_actors.drivers.common.servo.handshake import block
 from strands_actors.drivers.common.servo.safing import LIMP
 from strands_actors.drivers.common.servo.wire import Handshake

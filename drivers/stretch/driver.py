@@ -22,7 +22,7 @@ from strands_actors.contract.safe_state import SafeState
 from strands_actors.contract.sensors import Sensor
 from strands_actors.contract.tool_verbs import DURATION, MOVE_TO, STATE, STATUS, STOP, ToolVerb, held_move
 from strands_actors.contract.tool_verbs import SENSORS as READ_SENSORS
-from strands_actors.drivers.common.velocity_base import LIFETIME_S
+from strands_actors.drivers.common.kit.velocity_base import LIFETIME_S
 from strands_actors.kernel.messages import Refused
 from strands_actors.kernel.refusals import Code
 

@@ -12,8 +12,8 @@ from strands_actors.contract.axis_gates import show, stale, unit_of
 from strands_actors.contract.driver import Candidate, Condition, GateCheck, GateState, Reason
 from strands_actors.contract.wire import Observation
 from strands_actors.drivers.common.dynamixel.gates import FAULT_CODES
+from strands_actors.drivers.common.kit.velocity_base import LIFETIME_S, parse_twist
 from strands_actors.drivers.common.servo.gates import motor_fault, temperature, voltage
-from strands_actors.drivers.common.velocity_base import LIFETIME_S, parse_twist
 from strands_actors.drivers.stretch.refusals import StretchCode
 from strands_actors.kernel.clock import NS
 from strands_actors.kernel.messages import Refused
@@ -110,11 +110,11 @@ def _runstop(observation: Observation, now_ns: int) -> Refused | None:
     sensors = observation.sensors
     if sensors.get("runstop", (0.0,)) == (0.0,):
         return None
-    why, remedy = why_stopped(sensors)
+    why, remedy = runstop_reason(sensors)
     return Refused(StretchCode.RUNSTOP, why, f"{remedy}, then resume()", "pressed")
 
 
-def why_stopped(sensors: Mapping[str, tuple[float, ...]]) -> tuple[str, str]:
+def runstop_reason(sensors: Mapping[str, tuple[float, ...]]) -> tuple[str, str]:
     """Return why the runstop is on, as far as the robot reports it, and the remedy."""
     release = "release it on the robot"
     for sensor, why, first in _SETS_RUNSTOP:

@@ -11,7 +11,7 @@ from typing import Any
 
 import msgspec
 
-from strands_actors.drivers.common.robot_tables import RobotTables
+from strands_actors.drivers.common.kit.robot_tables import RobotTables
 
 TABLES = RobotTables(__package__, "Stretch")
 

@@ -15,7 +15,7 @@ import trio
 from strands_actors.contract.safe_state import SafeState
 from strands_actors.contract.stop_channels import DuplicateDescriptor
 from strands_actors.contract.wire import MotorReport, StopChannel, WireDown
-from strands_actors.drivers.common.serial_port import adopt_serial, open_serial
+from strands_actors.drivers.common.ports.serial_port import adopt_serial, open_serial
 from strands_actors.kernel.clock import Clock
 
 from .board import Board, OpenPort

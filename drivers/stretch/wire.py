@@ -17,9 +17,9 @@ import trio
 
 from strands_actors.contract.safe_state import SafeState
 from strands_actors.contract.wire import MotorReport, Observation, Permit, PermitDenied, Wire, WireDown
-from strands_actors.drivers.common.half_duplex import Quiet
-from strands_actors.drivers.common.malformed import MalformedFrame
-from strands_actors.drivers.common.serial_port import open_serial
+from strands_actors.drivers.common.codecs.malformed import MalformedFrame
+from strands_actors.drivers.common.ports.half_duplex import Quiet
+from strands_actors.drivers.common.ports.serial_port import open_serial
 from strands_actors.kernel.clock import NS, Clock
 from strands_actors.kernel.messages import Refused
 
@@ -27,7 +27,7 @@ from . import protocol as p
 from .board import ANSWER_S, Board, OpenPort
 from .chains import ChainWire
 from .config import ARM, BASE, BAUD, BOARDS, LEFT, LIFT, PIMU, RIGHT, STEPPERS, StretchConfig
-from .gates import named_in, why_stopped
+from .gates import named_in, runstop_reason
 from .readings import Readings
 from .safing import CONFIRM_S, boards_for, make_safe, unreachable
 from .stop_channel import StretchStopChannel
@@ -195,7 +195,7 @@ class StretchWire(Wire):
         if "runstop" not in seen.sensors:
             raise WireDown("arm: the power board does not tell whether the runstop is pressed. Check its cable")
         if seen.sensors["runstop"] != (0.0,):
-            why, remedy = why_stopped(seen.sensors)
+            why, remedy = runstop_reason(seen.sensors)
             raise WireDown(f"arm: {why}. {remedy.capitalize()}")
         permit.check()
         self._armed = True
@@ -239,8 +239,10 @@ class StretchWire(Wire):
                 await chain.write(tuple(target[axis.key] for axis in chain.axes), permit)
             else:
                 chain.go_on()
-        acknowledged = await together(*(partial(self._boards[joint].was_told) for joint in sent))
-        self._goals.update(row for row, was_told in zip(sent.items(), acknowledged, strict=True) if was_told)
+        acknowledged = await together(*(partial(self._boards[joint].was_acknowledged) for joint in sent))
+        self._goals.update(
+            row for row, is_acknowledged in zip(sent.items(), acknowledged, strict=True) if is_acknowledged
+        )
 
     async def perform(self, service: str, arguments: Mapping[str, Any], permit: Permit) -> dict[str, Any] | Refused:
         """Set soft limits (``set_soft_limits``). The firmware of lift and arm gets them, too."""

@@ -26,8 +26,8 @@ from strands_actors.contract.safe_state import SafeState
 from strands_actors.contract.sensors import Sensor, imu
 from strands_actors.contract.tool_verbs import DURATION
 from strands_actors.contract.wire import Observation
-from strands_actors.drivers.common.addresses import check_peer
-from strands_actors.drivers.common.motor_targets import ROWS, Parser, target_gates
+from strands_actors.drivers.common.kit.motor_targets import ROWS, Parser, target_gates
+from strands_actors.drivers.common.ports.addresses import check_peer
 from strands_actors.kernel.messages import Refused
 from strands_actors.kernel.refusals import Code
 
@@ -160,10 +160,10 @@ class _Legs(Driver):
     def accepted(
         self, action: Mapping[str, Any], values: Sequence[float], sensors: Mapping[str, tuple[float, ...]]
     ) -> dict[str, Any]:
-        return {**self.commanded(action, values), **telling(sensors)}
+        return {**self.commanded(action, values), **controller_report(sensors)}
 
     def readings(self, observation: Observation) -> dict[str, Any]:
-        result = telling(observation.sensors)
+        result = controller_report(observation.sensors)
         pct = observation.sensors.get("battery_pct")
         result["battery_pct"] = None if pct is None else pct[0]
         result["imu"] = {field: list(observation.sensors.get(name, ())) or None for field, name in IMU.items()}
@@ -173,7 +173,7 @@ class _Legs(Driver):
         return False
 
 
-def telling(sensors: Mapping[str, tuple[float, ...]]) -> dict[str, Any]:
+def controller_report(sensors: Mapping[str, tuple[float, ...]]) -> dict[str, Any]:
     """Return what the robot reports about its controller, by the field names of strands-robots. Fields
     that it does not report are missing."""
     return {field: convert(sensors[name][0]) for field, (name, convert) in _TELLING.items() if name in sensors}

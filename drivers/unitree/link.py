@@ -11,10 +11,10 @@ from collections.abc import Callable
 from contextlib import suppress
 
 from strands_actors.contract.wire import WireDown
-from strands_actors.drivers.common.malformed import MalformedFrame
-from strands_actors.drivers.common.network_interfaces import address_of
+from strands_actors.drivers.common.codecs.malformed import MalformedFrame
+from strands_actors.drivers.common.kit.stamps import Stamps
+from strands_actors.drivers.common.ports.network_interfaces import address_of
 from strands_actors.drivers.common.rtps import CDR, Participant, own_address
-from strands_actors.drivers.common.stamps import Stamps
 from strands_actors.kernel.clock import NS, Clock
 
 from . import protocol as p

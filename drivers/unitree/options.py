@@ -9,7 +9,7 @@ from msgspec import Meta
 
 from strands_actors.contract.driver import Service
 from strands_actors.contract.options import DriverOptions, option
-from strands_actors.drivers.common.network_interfaces import NetworkInterface
+from strands_actors.drivers.common.ports.network_interfaces import NetworkInterface
 
 from .gates import BATTERY_FLOOR_PCT
 from .rpc import ATTEMPTS, RELEASE_S

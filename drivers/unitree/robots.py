@@ -9,8 +9,8 @@ from typing import Any, Literal
 import msgspec
 
 from strands_actors.contract.axis import Axis
-from strands_actors.drivers.common.motor_targets import Joint, parse_joints
-from strands_actors.drivers.common.robot_tables import RobotTables
+from strands_actors.drivers.common.kit.motor_targets import Joint, parse_joints
+from strands_actors.drivers.common.kit.robot_tables import RobotTables
 
 TABLES = RobotTables(__package__, "Unitree")
 

@@ -11,7 +11,7 @@ import math
 import struct
 from typing import Any, NamedTuple
 
-from strands_actors.drivers.common.malformed import MalformedFrame
+from strands_actors.drivers.common.codecs.malformed import MalformedFrame
 
 REQUEST_TYPE = "unitree_api::msg::dds_::Request_"
 RESPONSE_TYPE = "unitree_api::msg::dds_::Response_"

@@ -23,13 +23,13 @@ AFTER_S = 0.006
 """Delay after the first frame. A state that arrives later was measured after that frame."""
 
 
-def by_nobody() -> str:
+def no_holder() -> str:
     """Return no holder. For a caller that cannot know what else controls the robot."""
     return ""
 
 
 async def bring_down(
-    link: Link, safe_state: SafeState, held_by: Callable[[], str] = by_nobody
+    link: Link, safe_state: SafeState, held_by: Callable[[], str] = no_holder
 ) -> tuple[MotorReport, ...]:
     """Bring the robot to a safe state. Never raises. The first frame leaves before the first wait.
 

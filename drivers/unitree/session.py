@@ -6,7 +6,7 @@ from __future__ import annotations
 from contextlib import suppress
 
 from strands_actors.contract.rotations import roll_pitch_yaw
-from strands_actors.drivers.common.malformed import MalformedFrame
+from strands_actors.drivers.common.codecs.malformed import MalformedFrame
 from strands_actors.kernel.clock import NS, Clock
 
 from . import protocol as p

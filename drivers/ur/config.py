@@ -6,7 +6,7 @@ from typing import Literal
 
 import msgspec
 
-from strands_actors.drivers.common.addresses import parse_address
+from strands_actors.drivers.common.ports.addresses import parse_address
 
 from .gates import CONTROL_HZ
 from .protocol import RTDE_PORT

@@ -10,7 +10,7 @@ from strands_actors.contract.axis_gates import past_range, stale, too_fast
 from strands_actors.contract.driver import Candidate, Condition, GateCheck, GateState, OnResume
 from strands_actors.contract.sensors import number_of
 from strands_actors.contract.wire import Observation
-from strands_actors.drivers.common.step_gates import refuse_lead
+from strands_actors.drivers.common.kit.step_gates import refuse_lead
 from strands_actors.drivers.ur.refusals import URCode
 from strands_actors.kernel.clock import NS
 from strands_actors.kernel.messages import Refused

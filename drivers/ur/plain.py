@@ -11,9 +11,9 @@ from typing import Any
 import trio
 
 from strands_actors.contract.wire import WireDown
-from strands_actors.drivers.common.malformed import MalformedFrame
-from strands_actors.drivers.common.receive_budget import ReceiveBudget
-from strands_actors.drivers.common.tcp_port import TcpPort, open_tcp
+from strands_actors.drivers.common.codecs.malformed import MalformedFrame
+from strands_actors.drivers.common.ports.receive_budget import ReceiveBudget
+from strands_actors.drivers.common.ports.tcp_port import TcpPort, open_tcp
 
 from . import protocol as p
 

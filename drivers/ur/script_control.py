@@ -9,7 +9,7 @@ from typing import ClassVar
 import trio
 
 from strands_actors.contract.wire import WireDown
-from strands_actors.drivers.common.tcp_port import TcpPort, open_tcp
+from strands_actors.drivers.common.ports.tcp_port import TcpPort, open_tcp
 from strands_actors.kernel.clock import Clock
 
 from . import protocol as p

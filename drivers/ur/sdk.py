@@ -20,7 +20,7 @@ from collections.abc import Callable
 from typing import Any, ClassVar
 
 from strands_actors.contract.wire import ProcessSpent
-from strands_actors.drivers.common.sdk import SdkCalls, kept, load_sdk
+from strands_actors.drivers.common.kit.sdk import SdkCalls, kept, load_sdk
 
 from .config import Way
 from .gates import CONTROL_S, LOOKAHEAD_S

@@ -10,7 +10,7 @@ import trio
 
 from strands_actors.contract.safe_state import SafeState
 from strands_actors.contract.wire import MotorReport, StopChannel, WireDown
-from strands_actors.drivers.common.outcome import Outcome
+from strands_actors.drivers.common.kit.outcome import Outcome
 from strands_actors.kernel.clock import Clock
 
 from . import protocol as p

@@ -9,9 +9,9 @@ import trio
 
 from strands_actors.contract.safe_state import SafeState
 from strands_actors.contract.wire import MotorReport, Observation, Permit, PermitDenied, ProcessSpent, WireDown
-from strands_actors.drivers.common.outcome import NOT_CONNECTED
-from strands_actors.drivers.common.session_wire import SessionWire
-from strands_actors.drivers.common.stamps import Stamps
+from strands_actors.drivers.common.kit.outcome import NOT_CONNECTED
+from strands_actors.drivers.common.kit.session_wire import SessionWire
+from strands_actors.drivers.common.kit.stamps import Stamps
 from strands_actors.kernel.clock import NS, Clock
 from strands_actors.kernel.messages import Refused
 

@@ -10,7 +10,7 @@ from typing import Any
 import msgspec
 
 from strands_actors.contract.axis import Axis
-from strands_actors.drivers.common.robot_tables import RobotTables
+from strands_actors.drivers.common.kit.robot_tables import RobotTables
 
 from .protocol import JOINTS, Version
 

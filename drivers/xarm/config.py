@@ -5,7 +5,7 @@ from __future__ import annotations
 import msgspec
 
 from strands_actors.contract.wire import WireDown
-from strands_actors.drivers.common.addresses import parse_address
+from strands_actors.drivers.common.ports.addresses import parse_address
 
 from .arms import Arm, ArmType
 from .protocol import CONTROL_PORT, JOINTS, Version

@@ -9,10 +9,10 @@ from typing import Protocol
 import trio
 
 from strands_actors.contract.wire import Permit, WireDown
-from strands_actors.drivers.common.malformed import MalformedFrame
-from strands_actors.drivers.common.outcome import Outcome
-from strands_actors.drivers.common.receive_budget import ReceiveBudget
-from strands_actors.drivers.common.tcp_port import ByteStream
+from strands_actors.drivers.common.codecs.malformed import MalformedFrame
+from strands_actors.drivers.common.kit.outcome import Outcome
+from strands_actors.drivers.common.ports.receive_budget import ReceiveBudget
+from strands_actors.drivers.common.ports.tcp_port import ByteStream
 from strands_actors.kernel.clock import NS, Clock
 
 from . import protocol as p

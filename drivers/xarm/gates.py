@@ -9,10 +9,10 @@ import math
 from collections.abc import Sequence
 
 from strands_actors.contract.axis import Axis
-from strands_actors.contract.axis_gates import past_ranges, past_told_range, stale
+from strands_actors.contract.axis_gates import outside_reported_range, past_ranges, stale
 from strands_actors.contract.driver import Candidate, Condition, GateCheck, GateState, OnResume
 from strands_actors.contract.wire import Observation
-from strands_actors.drivers.common.step_gates import refuse_lead, refuse_step
+from strands_actors.drivers.common.kit.step_gates import refuse_lead, refuse_step
 from strands_actors.drivers.xarm.refusals import XArmCode
 from strands_actors.kernel.messages import Refused
 from strands_actors.kernel.refusals import Code
@@ -77,7 +77,7 @@ def past_own_range(arm: Arm, axes: Axes) -> GateCheck:
     positions. If the type is unknown, refuse a target outside the range of any type."""
     joints = zip(*(kind.range_rad for kind in arm.types), strict=True)
     of_all = past_ranges(axes, [(max(low for low, _ in ends), min(high for _, high in ends)) for ends in joints])
-    return past_told_range(axes, "range_low_rad", "range_high_rad", untold=of_all)
+    return outside_reported_range(axes, "range_low_rad", "range_high_rad", untold=of_all)
 
 
 def speed_limit(arm: Arm, state: GateState) -> float:

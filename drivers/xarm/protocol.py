@@ -20,7 +20,7 @@ import struct
 from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
-from strands_actors.drivers.common.malformed import MalformedFrame
+from strands_actors.drivers.common.codecs.malformed import MalformedFrame
 
 CONTROL_PORT = 502
 

@@ -8,8 +8,8 @@ from typing import Any
 import trio
 
 from strands_actors.contract.wire import WireDown
-from strands_actors.drivers.common.malformed import MalformedFrame
-from strands_actors.drivers.common.receive_budget import ReceiveBudget
+from strands_actors.drivers.common.codecs.malformed import MalformedFrame
+from strands_actors.drivers.common.ports.receive_budget import ReceiveBudget
 from strands_actors.kernel.clock import NS, Clock
 
 from . import protocol as p

@@ -7,8 +7,8 @@ from collections.abc import Sequence
 from strands_actors.contract.safe_state import SafeState
 from strands_actors.contract.stop_channels import ConnectWhenNeeded
 from strands_actors.contract.wire import MotorReport
-from strands_actors.drivers.common.outcome import Outcome
-from strands_actors.drivers.common.tcp_port import open_tcp
+from strands_actors.drivers.common.kit.outcome import Outcome
+from strands_actors.drivers.common.ports.tcp_port import open_tcp
 from strands_actors.kernel.clock import Clock
 
 from .arms import AXES

@@ -13,9 +13,9 @@ import trio
 
 from strands_actors.contract.safe_state import SafeState
 from strands_actors.contract.wire import MotorReport, Observation, Permit, PermitDenied, WireDown
-from strands_actors.drivers.common.outcome import NOT_CONNECTED, Outcome
-from strands_actors.drivers.common.session_wire import SessionWire
-from strands_actors.drivers.common.tcp_port import open_tcp
+from strands_actors.drivers.common.kit.outcome import NOT_CONNECTED, Outcome
+from strands_actors.drivers.common.kit.session_wire import SessionWire
+from strands_actors.drivers.common.ports.tcp_port import open_tcp
 from strands_actors.kernel.clock import NS, Clock
 
 from . import protocol as p
@@ -124,7 +124,7 @@ class XArmWire(SessionWire[XArmSession]):
             outcome = await self._hold(session) if session.target else Outcome(False, False, "it was stopped")
             if not outcome.detail:
                 return outcome.reports(AXES, targets=session.target)
-            self.hold_failed = self._why_not_movable(session) or outcome.detail
+            self.hold_failed = self._reason_not_movable(session) or outcome.detail
         session.target = ()
         outcome = await stop(session.control)
         if not outcome.written:  # This connection is lost, but the arm may still be reachable.
@@ -232,7 +232,7 @@ class XArmWire(SessionWire[XArmSession]):
             return Outcome(True, acknowledged, str(down))
         return Outcome(True, acknowledged, "it is not where it is to hold")
 
-    def _why_not_movable(self, session: XArmSession) -> str:
+    def _reason_not_movable(self, session: XArmSession) -> str:
         """Return why the arm cannot move, by the newest report; empty if it can."""
         observation, now_ns = self._observation(session), self._clock.now_ns()
         refusals = (condition.check(observation, now_ns) for condition in CONDITIONS)

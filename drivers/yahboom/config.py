@@ -7,7 +7,7 @@ import os
 import msgspec
 
 from strands_actors.contract.wire import WireDown
-from strands_actors.drivers.common.addresses import parse_address
+from strands_actors.drivers.common.ports.addresses import parse_address
 
 from .protocol import PORT
 from .robots import Servo

@@ -13,8 +13,8 @@ from collections.abc import Callable
 import trio
 
 from strands_actors.contract.wire import WireDown
-from strands_actors.drivers.common.malformed import MalformedFrame
-from strands_actors.drivers.common.reporting_base import Report
+from strands_actors.drivers.common.codecs.malformed import MalformedFrame
+from strands_actors.drivers.common.kit.reporting_base import Report
 from strands_actors.drivers.common.rtps import Participant
 from strands_actors.kernel.clock import Clock
 

@@ -23,7 +23,7 @@ from strands_actors.contract.shown import shown
 from strands_actors.contract.tool_verbs import DURATION, MOVE_TO, STATUS, STOP, ToolVerb, held_move
 from strands_actors.contract.tool_verbs import SENSORS as READ_SENSORS
 from strands_actors.contract.wire import Observation
-from strands_actors.drivers.common.velocity_base import LIFETIME_S
+from strands_actors.drivers.common.kit.velocity_base import LIFETIME_S
 from strands_actors.kernel.messages import Refused
 from strands_actors.kernel.refusals import Code
 

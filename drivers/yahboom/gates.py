@@ -11,7 +11,7 @@ import msgspec
 from strands_actors.contract.axis import SHOWN, Axis, finite
 from strands_actors.contract.axis_gates import past_range
 from strands_actors.contract.driver import Candidate, GateCheck, GateState
-from strands_actors.drivers.common.velocity_base import parse_twist
+from strands_actors.drivers.common.kit.velocity_base import parse_twist
 from strands_actors.kernel.clock import NS
 from strands_actors.kernel.messages import Refused
 from strands_actors.kernel.refusals import Code

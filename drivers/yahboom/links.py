@@ -9,8 +9,8 @@ from collections.abc import Callable
 from contextlib import aclosing
 from typing import Any, Protocol
 
-from strands_actors.drivers.common.reporting_base import Report, ReportingBase
-from strands_actors.drivers.common.stamps import Stamps
+from strands_actors.drivers.common.kit.reporting_base import Report, ReportingBase
+from strands_actors.drivers.common.kit.stamps import Stamps
 from strands_actors.kernel.clock import Clock
 
 from .messages import IMU, JOINT_STATES, ODOMETRY, ArmGoal, Imu, Message, Odometry, Twist, stands

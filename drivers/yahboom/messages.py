@@ -13,7 +13,7 @@ from typing import Any, NamedTuple, TypeVar
 import msgspec
 
 from strands_actors.contract.axis import finite
-from strands_actors.drivers.common.malformed import MalformedFrame
+from strands_actors.drivers.common.codecs.malformed import MalformedFrame
 
 CMD_VEL = "/cmd_vel"
 ARM = "/arm6_joints"

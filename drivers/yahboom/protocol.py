@@ -8,7 +8,7 @@ from typing import Any
 
 import msgspec
 
-from strands_actors.drivers.common.malformed import MalformedFrame
+from strands_actors.drivers.common.codecs.malformed import MalformedFrame
 
 PORT = 9090
 
@@ -112,7 +112,7 @@ def decode_asked(text: str | bytes) -> Asked:
     return asked
 
 
-def decode_told(text: str | bytes) -> Told:
+def decode_incoming(text: str | bytes) -> Told:
     """Decode an operation of the bridge. Raise ``MalformedFrame``."""
     told: Told = _decode(_told, text)
     return told

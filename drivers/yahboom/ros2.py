@@ -12,8 +12,8 @@ from typing import Any
 import trio
 
 from strands_actors.contract.wire import ProcessSpent, WireDown
-from strands_actors.drivers.common.reporting_base import Report
-from strands_actors.drivers.common.sdk import SdkCalls, load_sdk
+from strands_actors.drivers.common.kit.reporting_base import Report
+from strands_actors.drivers.common.kit.sdk import SdkCalls, load_sdk
 from strands_actors.kernel.clock import Clock
 
 from . import messages as m

@@ -12,9 +12,9 @@ from typing import Any, Protocol
 import trio
 
 from strands_actors.contract.wire import WireDown
-from strands_actors.drivers.common.malformed import MalformedFrame
-from strands_actors.drivers.common.reporting_base import Report
-from strands_actors.drivers.common.websocket import begin_websocket
+from strands_actors.drivers.common.codecs.malformed import MalformedFrame
+from strands_actors.drivers.common.kit.reporting_base import Report
+from strands_actors.drivers.common.ports.websocket import begin_websocket
 from strands_actors.kernel.clock import Clock
 
 from . import messages as m
@@ -48,7 +48,7 @@ ZERO = p.publish(m.CMD_VEL, m.twist_message(m.REST, stop=True))
 
 
 class Socket(Protocol):
-    """The used part of a WebSocket. ``common.websocket.WebSocket`` implements it."""
+    """The used part of a WebSocket. ``common.ports.websocket.WebSocket`` implements it."""
 
     name: str
 
@@ -281,7 +281,7 @@ class RosbridgeLink:
 
     def _take(self, message: str | bytes) -> None:
         try:
-            match p.decode_told(message):
+            match p.decode_incoming(message):
                 case p.Publish(topic, content) if topic in m.REPORTED or topic in m.OPTIONAL:
                     self.news.take(topic, m.read_report(topic, content), self._clock.now_ns())
                 case p.ServiceResponse(id=str(text)) as answer if text.isdecimal() and len(text) < DIGITS:

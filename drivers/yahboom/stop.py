@@ -13,8 +13,8 @@ from strands_actors.contract.loading import load
 from strands_actors.contract.safe_state import SafeState
 from strands_actors.contract.stop_channels import KeptSession
 from strands_actors.contract.wire import MotorReport
-from strands_actors.drivers.common.outcome import Outcome
-from strands_actors.drivers.common.reporting_base import ReportingBase, stop_until_it_stands
+from strands_actors.drivers.common.kit.outcome import Outcome
+from strands_actors.drivers.common.kit.reporting_base import ReportingBase, stop_until_it_stands
 from strands_actors.kernel.clock import Clock
 
 from .config import LINKS, YahboomConfig

@@ -16,8 +16,8 @@ import trio
 from strands_actors.contract.rotations import roll_pitch_yaw
 from strands_actors.contract.safe_state import SafeState
 from strands_actors.contract.wire import MotorReport, Observation, Permit, PermitDenied, Wire, WireDown
-from strands_actors.drivers.common.outcome import Outcome
-from strands_actors.drivers.common.reporting_base import stop_by_each, stop_until_it_stands
+from strands_actors.drivers.common.kit.outcome import Outcome
+from strands_actors.drivers.common.kit.reporting_base import stop_by_each, stop_until_it_stands
 from strands_actors.kernel.clock import NS, Clock
 
 from .config import ROS2, YahboomConfig

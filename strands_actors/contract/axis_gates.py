@@ -136,7 +136,7 @@ def past_ranges(axes: Axes, ranges: Iterable[tuple[float, float]]) -> GateCheck:
     )
 
 
-def past_told_range(axes: Axes, lows: str, highs: str, untold: GateCheck) -> GateCheck:
+def outside_reported_range(axes: Axes, lows: str, highs: str, untold: GateCheck) -> GateCheck:
     """Return a gate that refuses a target outside the range that the robot itself reports.
 
     Args:
@@ -147,12 +147,12 @@ def past_told_range(axes: Axes, lows: str, highs: str, untold: GateCheck) -> Gat
     """
     within = functools.lru_cache(maxsize=4)(functools.partial(past_ranges, axes))
 
-    def past_told_range(candidate: Candidate, state: GateState) -> Refused | None:
+    def outside_reported_range(candidate: Candidate, state: GateState) -> Refused | None:
         sensors = state.observation.sensors
         ranges = tuple(zip(sensors.get(lows, ()), sensors.get(highs, ()), strict=True))
         return (within(ranges) if ranges else untold)(candidate, state)
 
-    return past_told_range
+    return outside_reported_range
 
 
 def _no_further(axis: Limited, at: int, value: float, state: GateState) -> bool:

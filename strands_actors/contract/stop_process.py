@@ -34,7 +34,7 @@ from strands_actors.kernel.clock import Clock, MonotonicClock
 from strands_actors.kernel.health.failure_detector import FailureDetector
 from strands_actors.kernel.health.processor import suspected
 from strands_actors.kernel.health.realtime import STANDBY_PRIORITY, run_first
-from strands_actors.kernel.processes.identity import be_taken_last, take_name
+from strands_actors.kernel.processes.identity import lower_oom_score, take_name
 from strands_actors.kernel.processes.process import start
 from strands_actors.kernel.processes.reserve import RESERVE, raise_limits
 
@@ -238,7 +238,7 @@ def main(args: dict[str, Any], sock: socket.socket) -> None:
     take_name(short_name(args["channel"]), "stop")
     config = msgspec.convert(args["config"], load(args["config_class"]))
     channel: StopChannel = load(args["channel"])(config, args["descriptors"], MonotonicClock())
-    be_taken_last()
+    lower_oom_score()
     raise_limits()
     RESERVE.begin(lambda: True)
     run_first(STANDBY_PRIORITY)  # It stops the robot when the wire cannot.

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 
 import trio
 
-from strands_actors.caller.twin_process import TwinProcess, TwinProcessDown
+from strands_actors.caller.processes.twin_process import TwinProcess, TwinProcessDown
 from strands_actors.contract.extras import missing
 from strands_actors.contract.loading import load
 from strands_actors.kernel.processes.process import ChildProcess, start

@@ -21,7 +21,7 @@ from typing import Any
 import msgspec
 import trio
 
-from strands_actors.caller.stop_lines import stop_by_name
+from strands_actors.caller.handle.stop_lines import stop_by_name
 from strands_actors.contract.axis import Axis
 from strands_actors.contract.driver import Reason
 from strands_actors.contract.loading import load

@@ -15,9 +15,9 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any
 
-from strands_actors.caller.portal import portal
-from strands_actors.caller.run_directory import run_dir
-from strands_actors.caller.twin_process import TwinProcess, TwinProcessDown
+from strands_actors.caller.processes.run_directory import run_dir
+from strands_actors.caller.processes.twin_process import TwinProcess, TwinProcessDown
+from strands_actors.caller.session.portal import portal
 from strands_actors.contract.axis import finite
 from strands_actors.contract.driver import Driver
 from strands_actors.contract.loading import load

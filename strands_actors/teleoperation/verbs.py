@@ -9,11 +9,11 @@ from typing import Any
 
 import msgspec
 
-from strands_actors.caller import envelopes as answers
-from strands_actors.caller.envelopes import Answer
-from strands_actors.caller.tree import RobotTree
-from strands_actors.caller.twin_process import TwinProcessDown
-from strands_actors.caller.verbs import Verb
+from strands_actors.caller.handle import envelopes as answers
+from strands_actors.caller.handle.envelopes import Answer
+from strands_actors.caller.handle.verbs import Verb
+from strands_actors.caller.processes.twin_process import TwinProcessDown
+from strands_actors.caller.session.tree import RobotTree
 from strands_actors.contract.axis import finite
 from strands_actors.contract.driver import Driver
 from strands_actors.contract.plain_numbers import as_python

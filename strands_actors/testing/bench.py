@@ -17,7 +17,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any
 
-from strands_actors.caller.plan import plan
+from strands_actors.caller.resolve.planning import plan
 from strands_actors.contract.driver import Driver
 from strands_actors.kernel.processes.interpreter import environment
 from strands_actors.supervisors.introspection import ALLOW_FAULTS

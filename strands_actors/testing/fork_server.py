@@ -36,7 +36,7 @@ _LOOK_S = 0.1
 _MAX_MESSAGE = 1 << 17
 _MAX_DESCRIPTORS = 16
 _OF_TWINS = (
-    "strands_actors.drivers.common.jointed",  # with numpy and MuJoCo
+    "strands_actors.drivers.common.physics.jointed",  # with numpy and MuJoCo
     "strands_actors.drivers.common.twin.process",
     "strands_actors.surfaces.cli.robots",
     "strands_actors.testing.every_twin",

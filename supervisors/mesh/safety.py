@@ -158,7 +158,7 @@ class Safety(Actor):
         order = _order(payload)
         if not self._is_meant(order):
             return
-        self._stop(StopOrder(True, _by(order), *_whom(order), sent))
+        self._stop(StopOrder(True, _by(order), *_sender_and_turn(order), sent))
 
     def _on_broadcast(self, payload: bytes) -> None:
         said = read_loosely(payload, self._robot)
@@ -180,7 +180,7 @@ class Safety(Actor):
         order = _order(payload)
         if self._is_meant(order):
             refused = Refused(Code.PUT, "who puts it is not known", to_be_asked(self._robot), verb=RESUME)
-            self._refuse(*_whom(order), refused)
+            self._refuse(*_sender_and_turn(order), refused)
 
     def _refuse(self, sender: str, turn: str, refused: Refused) -> None:
         admitted = self._refusals.admits(self.context.clock.now_ns())
@@ -273,7 +273,7 @@ def _by(order: SafetyOrder) -> str:
     return named or order.sender_id or UNNAMED
 
 
-def _whom(order: SafetyOrder) -> tuple[str, str]:
+def _sender_and_turn(order: SafetyOrder) -> tuple[str, str]:
     """Return sender and turn; both empty if either is not a valid name."""
     named = is_name(order.sender_id) and is_name(order.turn_id)
     return (order.sender_id, order.turn_id) if named else ("", "")

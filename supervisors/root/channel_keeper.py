@@ -98,7 +98,7 @@ class ChannelKeeper:
             self._lacks = lacks
             self._tell_gate()
 
-    def tell_standby(self, problem: str) -> None:
+    def set_standby_problem(self, problem: str) -> None:
         """Tell the gate why there is no standby; an empty text means that there is one."""
         self._standby_problem = problem
         self._tell_gate()
@@ -165,7 +165,7 @@ class ChannelKeeper:
             for fd in descriptors:
                 os.close(fd)
         why = "" if refusal is None else f"the standby process has no way to the hardware: {refusal.reason}"
-        self.tell_standby(why)
+        self.set_standby_problem(why)
         return refusal
 
     def _drop(self) -> None:

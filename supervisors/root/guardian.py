@@ -247,7 +247,7 @@ class Guardian(Actor):
         Nothing is armed before there is another one."""
         self.context.note(Happened("there is no standby", why))
         if self._guarded is not None:
-            self.channels.tell_standby(f"{why}; another is being started")
+            self.channels.set_standby_problem(f"{why}; another is being started")
 
     def begin_standby(self) -> None:
         """Give a new standby a stop channel: an open wire hands over again. A closed one does it when it
@@ -261,9 +261,9 @@ class Guardian(Actor):
         if self._keeper is not None:
             self._keeper.want(state.locked_by)
         if state.locked_by:
-            self.context.start_soon(self._tell_kept, state)
+            self.context.start_soon(self._report_lock, state)
 
-    async def _tell_kept(self, state: StateIs) -> None:
+    async def _report_lock(self, state: StateIs) -> None:
         kept = await self._kept(state.locked_by)
         self._gate.tell(LockKept(state.epoch, kept.since, kept.problem))
 

@@ -228,6 +228,10 @@ class Introspection(Message, frozen=True):
     actors: tuple[ActorInfo, ...]
 
 
+UNREACHABLE = "unreachable"
+"""The state in a ``TreeReport`` of a robot that does not answer, or is not connected."""
+
+
 class TreeReport(Message, frozen=True):
     robot: str
     state: str

@@ -33,7 +33,7 @@ from strands_actors.kernel.messages import Refused
 from strands_actors.kernel.node import AskTimeout, Node, Ref, Unreachable
 from strands_actors.kernel.processes.child import exit_code, report_failure
 from strands_actors.kernel.processes.fork import ForkedAhead
-from strands_actors.kernel.processes.identity import be_taken_last, take_name
+from strands_actors.kernel.processes.identity import lower_oom_score, take_name
 from strands_actors.kernel.processes.process import wait_for_end_of
 from strands_actors.kernel.processes.reserve import RESERVE, end, lacks_resources, raise_limits
 from strands_actors.kernel.processes.spawner import Spawner
@@ -531,7 +531,7 @@ def main(args: dict[str, Any], sock: socket.socket) -> None:
     wire = ForkedAhead((robot, "wire", label), (page,))
     standby = ForkedAhead((robot, "standby", label), session=True)
     ahead = Ahead(spawner, wire, standby, page)
-    be_taken_last()  # not for the spawner: policies are its children
+    lower_oom_score()  # not for the spawner: policies are its children
     trio.run(_main, args, sock, ahead)
 
 

@@ -36,7 +36,7 @@ from strands_actors.kernel.health.realtime import STANDBY_PRIORITY, run_first
 from strands_actors.kernel.messages import Refused
 from strands_actors.kernel.node import Node
 from strands_actors.kernel.processes.child import report_failure
-from strands_actors.kernel.processes.identity import be_taken_last, take_name
+from strands_actors.kernel.processes.identity import lower_oom_score, take_name
 from strands_actors.kernel.processes.peer import Peer
 from strands_actors.kernel.processes.process import FENCE_S
 from strands_actors.kernel.processes.reserve import EXIT_SHORT, RESERVE
@@ -360,7 +360,7 @@ def main(args: dict[str, Any], sock: socket.socket) -> None:
 async def _main(args: dict[str, Any], sock: socket.socket) -> None:
     robot: str = args["robot"]
     take_name(robot, "standby", args["label"])
-    be_taken_last()
+    lower_oom_score()
     lock = _take_lock(Path(args["lock"]), args["place"])
     report = Path(args["report"])
     at = addresses.of(robot)

@@ -27,7 +27,7 @@ from strands_actors.kernel.health.realtime import WIRE_PRIORITY, run_first
 from strands_actors.kernel.node import Node
 from strands_actors.kernel.processes.child import report_failure
 from strands_actors.kernel.processes.fork import ForkedAhead
-from strands_actors.kernel.processes.identity import be_taken_last, take_name
+from strands_actors.kernel.processes.identity import lower_oom_score, take_name
 from strands_actors.kernel.processes.process import ChildProcess, start
 from strands_actors.kernel.processes.reserve import RESERVE, how_ended
 from strands_actors.kernel.supervisor import Budget, ChildSpec, Supervisor
@@ -268,7 +268,7 @@ class InlineWire:
 def main(args: dict[str, Any], sock: socket.socket) -> None:
     """Run the wire process."""
     take_name(args["robot"], "wire", args["label"])
-    be_taken_last()
+    lower_oom_score()
     hand_over()
     trio.run(_main, args, sock)
 

@@ -13,7 +13,7 @@ import pytest
 from strands import Agent, tool
 
 from strands_actors import Robot
-from strands_actors.caller.robot import RealRobot
+from strands_actors.caller.handle.robot import RealRobot
 from strands_actors.kernel.processes.guard import ALLOW
 from strands_actors.surfaces.agents.approval import Request
 from strands_actors.testing import Twin
@@ -160,7 +160,7 @@ def test_what_is_not_declared_is_never_written(arm: RealRobot, twin: Twin) -> No
 
 
 def test_an_agent_does_not_lift_an_operators_lockout(arm: RealRobot, twin: Twin) -> None:
-    from strands_actors.caller.portal import portal
+    from strands_actors.caller.session.portal import portal
     from strands_actors.contract.driver import Reason
 
     portal().call(arm._tree.stop, Reason.ESTOP, True)  # type: ignore[union-attr]

@@ -14,7 +14,7 @@ import pytest
 import trio
 
 from strands_actors import Robot
-from strands_actors.caller import envelopes as answers
+from strands_actors.caller.handle import envelopes as answers
 from strands_actors.contract.driver import Driver
 from strands_actors.drivers.crazyflie.driver import Crazyflie
 from strands_actors.drivers.feetech.driver import Feetech

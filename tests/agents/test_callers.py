@@ -14,8 +14,8 @@ import pytest
 import trio
 
 from strands_actors import open_robot
-from strands_actors.caller.portal import portal
-from strands_actors.caller.robot import RealRobot
+from strands_actors.caller.handle.robot import RealRobot
+from strands_actors.caller.session.portal import portal
 from strands_actors.testing import Twin
 from tests.answers import json_of, pids, state, status, task_ended, until, why
 from tests.robot.conftest import NewArm

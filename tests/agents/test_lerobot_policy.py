@@ -21,7 +21,7 @@ import numpy as np
 import pytest
 
 from strands_actors import Robot
-from strands_actors.caller.robot import RealRobot
+from strands_actors.caller.handle.robot import RealRobot
 from strands_actors.contract.driver import Driver
 from strands_actors.drivers import get_native_driver_class
 from strands_actors.drivers.sim.driver import SimDriver

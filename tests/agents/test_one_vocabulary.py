@@ -9,11 +9,11 @@ from typing import Any
 import pytest
 import trio
 
-from strands_actors.caller.async_robot import AsyncRobot
-from strands_actors.caller.plan import plan
-from strands_actors.caller.real_robot import RealRobot
-from strands_actors.caller.sim_robot import SimRobot
-from strands_actors.caller.vocabulary import verb_names
+from strands_actors.caller.handle.async_robot import AsyncRobot
+from strands_actors.caller.handle.real_robot import RealRobot
+from strands_actors.caller.handle.sim_robot import SimRobot
+from strands_actors.caller.handle.vocabulary import verb_names
+from strands_actors.caller.resolve.planning import plan
 from strands_actors.contract.agent_verbs import undeclared, verbs_of
 from strands_actors.contract.driver import Driver
 from strands_actors.contract.loading import load

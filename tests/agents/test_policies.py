@@ -20,7 +20,7 @@ import numpy as np
 import pytest
 from websockets.sync.server import ServerConnection, serve
 
-from strands_actors.caller.robot import RealRobot
+from strands_actors.caller.handle.robot import RealRobot
 from strands_actors.policies.mock import Mock
 from strands_actors.policies.registry import choose_provider
 from strands_actors.policies.remote import Remote

@@ -10,7 +10,7 @@ import pytest
 
 import strands_actors
 from strands_actors import Robot
-from strands_actors.caller.robot import RealRobot
+from strands_actors.caller.handle.robot import RealRobot
 from strands_actors.policies import MockPolicy, Policy, create_policy, list_providers, register_policy, registry
 from strands_actors.policies.remote import Remote
 from strands_actors.testing import Twin

@@ -17,9 +17,9 @@ import trio
 from strands_actors import Robot
 from strands_actors.contract.loading import load
 from strands_actors.drivers import get_native_driver_class, leader_name, list_leaders
-from strands_actors.drivers.common.calibration import FIELDS, save
-from strands_actors.drivers.common.calibration import load as read_calibration
-from strands_actors.drivers.common.serial_port import BytePort, open_serial
+from strands_actors.drivers.common.kit.calibration import FIELDS, save
+from strands_actors.drivers.common.kit.calibration import load as read_calibration
+from strands_actors.drivers.common.ports.serial_port import BytePort, open_serial
 from strands_actors.drivers.common.servo.calibrating import calibrate
 from strands_actors.drivers.common.servo.setup import Ranges, Setup
 from strands_actors.kernel.clock import MonotonicClock
@@ -289,7 +289,7 @@ def test_a_file_that_cannot_be_written_after_the_work_is_told(
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
     monkeypatch.setattr(commands, "_run", lambda *_: {})
-    monkeypatch.setattr("strands_actors.drivers.common.calibration.save", no_space)
+    monkeypatch.setattr("strands_actors.drivers.common.kit.calibration.save", no_space)
     with pytest.raises(commands.Problem, match=r"the servos are calibrated, and .*left.json could not be written"):
         commands.calibrate("so101_leader", "/dev/null", "left", as_json=True)
 

@@ -15,7 +15,7 @@ import pytest
 import trio
 
 from strands_actors import Robot, open_robot
-from strands_actors.caller.robot import RealRobot
+from strands_actors.caller.handle.robot import RealRobot
 from strands_actors.kernel.health.processor import is_stopped
 from strands_actors.surfaces.cameras import CameraReader, Frame, Stale, StaleFrame, attach_camera
 from strands_actors.surfaces.cameras.picture_files import cameras_of, pictures_dir

@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 
 from strands_actors import Robot
-from strands_actors.caller.plan import plan
+from strands_actors.caller.resolve.planning import plan
 from strands_actors.contract.cameras import CameraSettings
 from strands_actors.surfaces.cameras.config import OPENCV, stale_s
 

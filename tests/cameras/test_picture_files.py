@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from strands_actors.caller.run_directory import run_dir as own_dir
+from strands_actors.caller.processes.run_directory import run_dir as own_dir
 from strands_actors.surfaces.cameras import picture_files
 
 

@@ -15,7 +15,7 @@ import trio
 import zenoh
 
 from strands_actors import Robot
-from strands_actors.caller.run_directory import notes
+from strands_actors.caller.processes.run_directory import notes
 from strands_actors.kernel.channels.frame_ring import FrameRing, create
 from strands_actors.kernel.channels.zenoh_session import config
 from strands_actors.kernel.clock import NS

@@ -11,8 +11,8 @@ from typing import cast
 import pytest
 import trio
 
-from strands_actors.caller.directory import Directory
-from strands_actors.caller.run_directory import Note
+from strands_actors.caller.processes.directory import Directory
+from strands_actors.caller.processes.run_directory import Note
 from strands_actors.contract.driver import Reason
 from strands_actors.kernel.messages import Refused
 from strands_actors.supervisors.root.locks import Locks

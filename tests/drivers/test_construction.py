@@ -12,7 +12,7 @@ from strands_actors import Robot
 from strands_actors.contract.driver import Driver
 from strands_actors.contract.loading import load
 from strands_actors.drivers import WIRES
-from strands_actors.drivers.common.addresses import is_host, parse_address
+from strands_actors.drivers.common.ports.addresses import is_host, parse_address
 
 DRIVERS: dict[str, type[Driver]] = {wire: load(where) for wire, where in WIRES.items()}
 ADDRESSED = [wire for wire, driver in DRIVERS.items() if driver.PORT_KIND == "address"]

@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 import pytest
 
 from strands_actors import Robot
-from strands_actors.caller.robot import RealRobot
+from strands_actors.caller.handle.robot import RealRobot
 from strands_actors.surfaces.recording import read, record, replay
 from strands_actors.surfaces.recording.code import build_driver
 from strands_actors.testing import Twin

@@ -1,4 +1,4 @@
-"""Make ``strands_actors/caller/robot.pyi``: the signatures of ``Robot`` and ``open_robot`` by robot
+"""Make ``strands_actors/caller/handle/robot.pyi``: the signatures of ``Robot`` and ``open_robot`` by robot
 and mode, for editors and type checkers.
 
 ``python -m tests.editors.signatures`` writes the file. Names of robots, keywords, their types and
@@ -17,11 +17,11 @@ from typing import Any, Literal, NamedTuple, Union, get_args, get_origin, get_ty
 
 import msgspec
 
-from strands_actors.caller import factory
-from strands_actors.caller.async_robot import AsyncRobot
-from strands_actors.caller.real_robot import RealRobot
-from strands_actors.caller.sim_robot import SimRobot
-from strands_actors.caller.simulated import BACKENDS
+from strands_actors.caller.handle import factory
+from strands_actors.caller.handle.async_robot import AsyncRobot
+from strands_actors.caller.handle.real_robot import RealRobot
+from strands_actors.caller.handle.sim_robot import SimRobot
+from strands_actors.caller.resolve.simulated import BACKENDS
 from strands_actors.contract.driver import Driver, Service
 from strands_actors.contract.loading import load
 from strands_actors.contract.options import Meanings

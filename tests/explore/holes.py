@@ -13,8 +13,8 @@ import msgspec
 import pytest
 import trio
 
-from strands_actors.caller.rollouts import Rollouts
-from strands_actors.caller.tree_processes import TreeProcesses
+from strands_actors.caller.processes.tree_processes import TreeProcesses
+from strands_actors.caller.session.rollouts import Rollouts
 from strands_actors.contract.axis import parse_action
 from strands_actors.contract.driver import Candidate, Driver, GateState, Reason
 from strands_actors.contract.loading import load
@@ -37,7 +37,7 @@ from strands_actors.supervisors.wire.group import WireProcess
 from strands_actors.supervisors.wire.transport import Transport
 
 ServoSession: Any = load("strands_actors.drivers.common.servo.wire:ServoSession")
-Outcome: Any = load("strands_actors.drivers.common.outcome:Outcome")
+Outcome: Any = load("strands_actors.drivers.common.kit.outcome:Outcome")
 reports: Any = load("strands_actors.drivers.unitree.safing:reports")
 
 
@@ -65,7 +65,7 @@ def a_hold_takes_readings_of_any_age(patch: pytest.MonkeyPatch) -> None:
 
 
 def a_goal_goes_to_motors_without_torque(patch: pytest.MonkeyPatch) -> None:
-    patch.setattr(ServoSession, "to_tell", lambda self, counts: dict(counts))
+    patch.setattr(ServoSession, "reachable_goals", lambda self, counts: dict(counts))
 
 
 def a_stop_of_a_task_beside_a_dead_wire_ends_the_root(patch: pytest.MonkeyPatch) -> None:

@@ -44,7 +44,7 @@ participant_module: Any = import_module("strands_actors.drivers.common.rtps.part
 link_module: Any = import_module("strands_actors.drivers.unitree.link")
 protocol: Any = import_module("strands_actors.drivers.unitree.protocol")
 rpc: Any = import_module("strands_actors.drivers.unitree.rpc")
-MalformedFrame: Any = load("strands_actors.drivers.common.malformed:MalformedFrame")
+MalformedFrame: Any = load("strands_actors.drivers.common.codecs.malformed:MalformedFrame")
 TABLES: Any = load("strands_actors.drivers.unitree.robots:TABLES")
 
 

@@ -12,13 +12,13 @@ from typing import Any
 
 import trio
 
-from strands_actors.caller import verbs
-from strands_actors.caller.envelopes import Answer, stop_result
-from strands_actors.caller.nodes import Entrance
-from strands_actors.caller.plan import Plan
-from strands_actors.caller.real_robot import RealRobot
-from strands_actors.caller.tree import RobotTree
-from strands_actors.caller.tree_processes import TreeProcesses
+from strands_actors.caller.handle import verbs
+from strands_actors.caller.handle.envelopes import Answer, stop_result
+from strands_actors.caller.handle.real_robot import RealRobot
+from strands_actors.caller.processes.nodes import Entrance
+from strands_actors.caller.processes.plan import Plan
+from strands_actors.caller.processes.tree_processes import TreeProcesses
+from strands_actors.caller.session.tree import RobotTree
 from strands_actors.contract.driver import Driver, Reason
 from strands_actors.kernel.messages import Message
 from strands_actors.kernel.node import AskTimeout, Unreachable

@@ -14,7 +14,9 @@ from typing import Any
 
 import trio
 
-from strands_actors.caller import processes, rollouts, tree, tree_processes, writer
+from strands_actors.caller.processes import robot_processes as processes
+from strands_actors.caller.processes import tree_processes
+from strands_actors.caller.session import rollouts, tree, writer
 from strands_actors.kernel.clock import VirtualClock
 from strands_actors.kernel.health import busy
 from strands_actors.supervisors import introspection, policy
@@ -110,7 +112,7 @@ def seams(world: World, net: Net, starter: Starter, model: RobotModel) -> Iterat
         (group, "start", starter.execute),
         (group, "words_of", words_of),
         (group, "take_name", nothing),
-        (group, "be_taken_last", nothing),
+        (group, "lower_oom_score", nothing),
         (group, "suspected", lambda pid: suspected(world, pid)),
         (group, "StatFile", lambda pid: SimStatFile(world, pid)),
         (group, "report_failure", report_failure),
@@ -139,7 +141,7 @@ def seams(world: World, net: Net, starter: Starter, model: RobotModel) -> Iterat
         (standby, "suspected", lambda pid: suspected(world, pid)),
         (standby, "report_failure", report_failure),
         (standby, "take_name", nothing),
-        (standby, "be_taken_last", nothing),
+        (standby, "lower_oom_score", nothing),
         (standby, "Peer", lambda pid, pidfd=None: SimPeer(world, pid, pidfd)),
         (standby, "_take_lock", nothing),  # a script is not started again before the last standby has ended
         (standby, "write", write),

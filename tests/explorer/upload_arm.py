@@ -60,8 +60,8 @@ arm_of: Any = load("strands_actors.drivers.ur.arms:arm_of")
 protocol: Any = import_module("strands_actors.drivers.ur.protocol")
 plain: Any = import_module("strands_actors.drivers.ur.plain")
 sdk: Any = import_module("strands_actors.drivers.ur.sdk")
-sdk_calls: Any = import_module("strands_actors.drivers.common.sdk")
-MalformedFrame: Any = load("strands_actors.drivers.common.malformed:MalformedFrame")
+sdk_calls: Any = import_module("strands_actors.drivers.common.kit.sdk")
+MalformedFrame: Any = load("strands_actors.drivers.common.codecs.malformed:MalformedFrame")
 
 
 class Later(NamedTuple):

@@ -7,8 +7,8 @@ from collections.abc import AsyncIterator, Mapping
 
 import trio
 
-from strands_actors.drivers.common.json_rpc import encode_failure, encode_notification, encode_result
-from strands_actors.drivers.common.tcp_port import OrderlyStream
+from strands_actors.drivers.common.codecs.json_rpc import encode_failure, encode_notification, encode_result
+from strands_actors.drivers.common.ports.tcp_port import OrderlyStream
 from strands_actors.drivers.microduck import link as microduck_link
 from strands_actors.drivers.microduck import protocol as p
 from strands_actors.drivers.microduck.driver import Microduck

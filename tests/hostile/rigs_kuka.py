@@ -11,8 +11,8 @@ import msgspec
 import trio
 from msgspec.structs import replace
 
-from strands_actors.drivers.common.malformed import MalformedFrame
-from strands_actors.drivers.common.udp_port import UdpListener
+from strands_actors.drivers.common.codecs.malformed import MalformedFrame
+from strands_actors.drivers.common.ports.udp_port import UdpListener
 from strands_actors.drivers.kuka.config import KeptPort, KukaConfig
 from strands_actors.drivers.kuka.driver import Kuka
 from strands_actors.drivers.kuka.protocol import (

@@ -11,7 +11,7 @@ from typing import Any
 
 import trio
 
-from strands_actors.drivers.common import sdk as sdk_calls
+from strands_actors.drivers.common.kit import sdk as sdk_calls
 from strands_actors.drivers.common.twin import Faults
 from strands_actors.drivers.ur import plain, sdk
 from strands_actors.drivers.ur import protocol as p

@@ -10,13 +10,13 @@ from typing import Any
 import msgspec
 import trio
 
-from strands_actors.drivers.common.http_port import HttpPort
-from strands_actors.drivers.common.tcp_port import OrderlyStream
+from strands_actors.drivers.common.ports.http_port import HttpPort
+from strands_actors.drivers.common.ports.tcp_port import OrderlyStream
+from strands_actors.drivers.common.ports.websocket import begin_websocket, open_websocket
 from strands_actors.drivers.common.twin.http import HttpSession
 from strands_actors.drivers.common.twin.http import serving as serving_http
 from strands_actors.drivers.common.twin.tcp import ClientGone, Handler
 from strands_actors.drivers.common.twin.websocket import serving_both, serving_websocket
-from strands_actors.drivers.common.websocket import begin_websocket, open_websocket
 from strands_actors.drivers.earthrover.config import EarthRoverConfig
 from strands_actors.drivers.earthrover.driver import EarthRover
 from strands_actors.drivers.earthrover.robots import TABLES as ROVERS

@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 
 import pytest
 
-from strands_actors.caller.robot import RealRobot
+from strands_actors.caller.handle.robot import RealRobot
 from strands_actors.drivers.common.twin.tcp import own_host
 from strands_actors.testing import Twin
 from tests.answers import pids, until

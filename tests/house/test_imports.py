@@ -134,7 +134,7 @@ def test_the_walk_sees_the_whole_package() -> None:
         f"{PACKAGE}.kernel.node",
         f"{PACKAGE}.supervisors.gate.gate",
         f"{PACKAGE}.drivers",
-        f"{PACKAGE}.drivers.common.half_duplex",
+        f"{PACKAGE}.drivers.common.ports.half_duplex",
         f"{PACKAGE}.drivers.feetech.wire",
     ):
         assert name in MODULES
@@ -163,21 +163,21 @@ def test_no_module_imports_itself_by_a_detour() -> None:
     ("name", "source"),
     [
         ("strands_actors.kernel.node", "from ..supervisors import gate"),
-        ("strands_actors.kernel.node", "import strands_actors.caller.tree"),
-        ("strands_actors.kernel.node", "from strands_actors.caller import tree"),
+        ("strands_actors.kernel.node", "import strands_actors.caller.session.tree"),
+        ("strands_actors.kernel.node", "from strands_actors.caller.session import tree"),
         ("strands_actors.kernel.node", "def f():\n  from strands_actors.drivers import WIRES"),
         ("strands_actors.supervisors.gate.gate", "from ...drivers.feetech import wire"),
-        ("strands_actors.supervisors.gate.gate", "from strands_actors.caller import run_directory"),
+        ("strands_actors.supervisors.gate.gate", "from strands_actors.caller.processes import run_directory"),
         ("strands_actors.drivers", "from .feetech.driver import Feetech"),
-        ("strands_actors.drivers.common.physics", "from ..feetech import axes"),
+        ("strands_actors.drivers.common.physics.physics", "from ...feetech import axes"),
         ("strands_actors.drivers.feetech.wire", "from ...supervisors.gate.gate import Gate"),
         ("strands_actors.drivers.feetech.wire", "from .. import list_native_drivers"),
-        ("strands_actors.caller.tree", "from ..drivers.feetech.driver import Feetech"),
-        ("strands_actors.caller.tree", "import drivers"),
-        ("strands_actors.caller.tree", "import drivers.feetech.wire"),
-        ("strands_actors.caller.tree", "from supervisors import gate"),
-        ("strands_actors.caller.tree", "if TYPE_CHECKING:\n  pass\nelse:\n  import supervisors"),
-        ("strands_actors.kernel.node", "if TYPE_CHECKING:\n  from ..caller.tree import RobotTree"),
+        ("strands_actors.caller.session.tree", "from ...drivers.feetech.driver import Feetech"),
+        ("strands_actors.caller.session.tree", "import drivers"),
+        ("strands_actors.caller.session.tree", "import drivers.feetech.wire"),
+        ("strands_actors.caller.session.tree", "from supervisors import gate"),
+        ("strands_actors.caller.session.tree", "if TYPE_CHECKING:\n  pass\nelse:\n  import supervisors"),
+        ("strands_actors.kernel.node", "if TYPE_CHECKING:\n  from ..caller.session.tree import RobotTree"),
     ],
 )
 def test_a_fault_is_found(name: str, source: str) -> None:
@@ -193,8 +193,14 @@ def test_a_fault_is_found(name: str, source: str) -> None:
             "strands_actors.supervisors.gate.gate",
             "from ...kernel.actor import Actor\nfrom .lease import Lease",
         ),
-        ("strands_actors.drivers.feetech.wire", "from ..common.half_duplex import X\nfrom .protocol import Y"),
-        ("strands_actors.caller.tree", "from ..drivers import WIRES\nfrom ..supervisors.gate.gate import Gate"),
+        (
+            "strands_actors.drivers.feetech.wire",
+            "from ..common.ports.half_duplex import X\nfrom .protocol import Y",
+        ),
+        (
+            "strands_actors.caller.session.tree",
+            "from ..drivers import WIRES\nfrom ..supervisors.gate.gate import Gate",
+        ),
     ],
 )
 def test_what_is_allowed_is_no_fault(name: str, source: str) -> None:

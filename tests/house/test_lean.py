@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from strands_actors import Robot
-from strands_actors.caller.portal import portal
+from strands_actors.caller.session.portal import portal
 from strands_actors.kernel.messages import Message
 from strands_actors.supervisors.root.messages import Describe, TreeReport
 from strands_actors.supervisors.root.process import Root
@@ -58,7 +58,7 @@ def test_the_import_of_a_script_brings_only_what_every_robot_needs() -> None:
     script = "from strands_actors import Robot, open_robot\nimport sys\nprint(*sys.modules)"
     done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
     loaded = done.stdout.split()
-    assert "strands_actors.caller.robot" in loaded
+    assert "strands_actors.caller.handle.robot" in loaded
     assert [name for name in SPARED if name in loaded] == []
 
 

@@ -15,7 +15,7 @@ import pytest
 import typer.main
 
 from strands_actors import MeshConfig, Robot
-from strands_actors.caller.robot import AsyncRobot, RealRobot, SimRobot
+from strands_actors.caller.handle.robot import AsyncRobot, RealRobot, SimRobot
 from strands_actors.contract.loading import load
 from strands_actors.drivers import (
     DRIVER_CHOICES,

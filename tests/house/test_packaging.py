@@ -19,7 +19,7 @@ NEEDED = (
     "strands_actors/kernel/node.py",
     "strands_actors/supervisors/gate/gate.py",
     "strands_actors/drivers/__init__.py",
-    "strands_actors/drivers/common/half_duplex.py",
+    "strands_actors/drivers/common/ports/half_duplex.py",
     "strands_actors/drivers/feetech/driver.py",
     "strands_actors/drivers/feetech/robots.toml",
 )

@@ -116,7 +116,7 @@ def test_the_files_that_the_docs_name_exist() -> None:
         ("```python\nfrom strands_actors.kernel.node import Node\n```\n", "is private"),
         ("```python\nfrom strands_actors import Robot, Rowboat\n```\n", "no public Rowboat"),
         ("`from strands_actors.contract import Axis, Axes`", "no public Axes"),
-        ("```python\nimport strands_actors.caller.tree\n```\n", "is private"),
+        ("```python\nimport strands_actors.caller.session.tree\n```\n", "is private"),
         ("```python\nfrom strands_actors import Robot\n```\n", ""),
         ("`from strands_actors.contract import Driver, Wire`", ""),
     ],

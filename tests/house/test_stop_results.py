@@ -38,9 +38,9 @@ RESULTS = {
 }
 """What such a function may return."""
 NO_ROBOT = {
-    "caller.rollouts:Rollouts.end",  # of the bookkeeping: the robot was stopped before
-    "caller.run_directory:Name.release",  # a lock on a file
-    "caller.strays:end",  # a process; its caller never counts that as a robot that is safe
+    "caller.session.rollouts:Rollouts.end",  # of the bookkeeping: the robot was stopped before
+    "caller.processes.run_directory:Name.release",  # a lock on a file
+    "caller.processes.strays:end",  # a process; its caller never counts that as a robot that is safe
     "surfaces.cli.__init__:stop",  # end by typer.Exit
     "surfaces.cli.__init__:estop",
     "surfaces.cli.demo.watch:Watch.stop",
@@ -85,7 +85,7 @@ def test_saf_023_nothing_that_ends_motion_can_return_none() -> None:
 )
 def test_saf_023_a_result_that_can_be_absent_is_found(returns: str) -> None:
     source = f"class Tree:\n    async def cleanup(self) -> {returns}: ...\n"
-    assert wrong(functions("caller.tree", source)) == [f"caller.tree:Tree.cleanup -> {returns}"]
+    assert wrong(functions("caller.session.tree", source)) == [f"caller.session.tree:Tree.cleanup -> {returns}"]
 
 
 def test_saf_023_a_stop_has_three_results_and_no_fourth() -> None:

@@ -31,7 +31,7 @@ ADDRESS = "strands/script/actor/holder"
 SCRIPT = """
 import os, signal, sys, time
 import trio
-from strands_actors.caller.portal import portal
+from strands_actors.caller.session.portal import portal
 from strands_actors.kernel.actor import Actor
 from strands_actors.kernel.messages import Message
 from strands_actors.kernel.channels.zenoh_mesh import ZenohMesh

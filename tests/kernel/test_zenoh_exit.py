@@ -10,7 +10,7 @@ import pytest
 
 FLOOD = """
 import threading, time
-from strands_actors.caller.portal import portal
+from strands_actors.caller.session.portal import portal
 
 mesh = portal().node.mesh
 key = mesh._threads.reply_to

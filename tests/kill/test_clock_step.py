@@ -17,7 +17,7 @@ from pathlib import Path
 
 import pytest
 
-from strands_actors.caller.robot import RealRobot
+from strands_actors.caller.handle.robot import RealRobot
 from strands_actors.testing import Twin
 from tests.answers import pids, until
 from tests.forked import execute_what_is_started_here

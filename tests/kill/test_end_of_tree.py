@@ -14,8 +14,8 @@ from pathlib import Path
 import pytest
 import trio
 
-from strands_actors.caller.nodes import open_node
-from strands_actors.caller.robot import RealRobot
+from strands_actors.caller.handle.robot import RealRobot
+from strands_actors.caller.processes.nodes import open_node
 from strands_actors.kernel.channels.zenoh_mesh import unix_endpoint
 from strands_actors.kernel.messages import Message, Refused
 from strands_actors.kernel.node import AskTimeout, Unreachable

@@ -19,7 +19,7 @@ from pathlib import Path
 
 import pytest
 
-from strands_actors.caller.robot import RealRobot
+from strands_actors.caller.handle.robot import RealRobot
 from strands_actors.contract.loading import load
 from strands_actors.drivers import WIRES
 from strands_actors.testing import Bench, Twin

@@ -13,7 +13,7 @@ from typing import Any
 import pytest
 
 import strands_actors
-from strands_actors.caller.robot import RealRobot
+from strands_actors.caller.handle.robot import RealRobot
 from strands_actors.testing import Twin
 
 PACKAGE = Path(strands_actors.__file__).parent

@@ -14,7 +14,7 @@ from pathlib import Path
 import pytest
 
 from strands_actors import Robot
-from strands_actors.caller.robot import RealRobot
+from strands_actors.caller.handle.robot import RealRobot
 from strands_actors.testing import Twin, WireLog
 from tests.answers import pids, resumed, until
 

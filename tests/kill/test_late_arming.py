@@ -28,8 +28,8 @@ from typing import Any
 import pytest
 import trio
 
+from strands_actors.drivers.common.physics.body import Hand
 from strands_actors.drivers.common.simulation_control import protocol
-from strands_actors.drivers.common.simulation_control.body import Hand
 from strands_actors.drivers.common.simulation_control.client import SimulationClient
 from strands_actors.testing import Twin
 from strands_actors.testing.bench import driver_of

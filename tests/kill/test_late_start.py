@@ -12,8 +12,8 @@ from typing import Any
 
 import pytest
 
-from strands_actors.caller import rollouts
-from strands_actors.caller.robot import RealRobot
+from strands_actors.caller.handle.robot import RealRobot
+from strands_actors.caller.session import rollouts
 from strands_actors.supervisors.root.messages import StartTask
 from strands_actors.testing import Twin
 from tests.answers import pids

@@ -16,7 +16,7 @@ from pathlib import Path
 
 import pytest
 
-from strands_actors.caller.robot import RealRobot
+from strands_actors.caller.handle.robot import RealRobot
 from strands_actors.testing import Twin
 from tests.answers import PATIENCE_S, pids, until
 

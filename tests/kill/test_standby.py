@@ -17,7 +17,7 @@ from typing import Any
 
 import pytest
 
-from strands_actors.caller.robot import RealRobot
+from strands_actors.caller.handle.robot import RealRobot
 from strands_actors.supervisors.standby.report import LOCK, REPORT, StandbyReport, holder, read
 from strands_actors.testing import Twin
 from tests.answers import pids, resumed, status, until, why

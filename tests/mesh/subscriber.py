@@ -8,7 +8,7 @@ from typing import Any
 
 import zenoh
 
-from strands_actors.caller.run_directory import notes
+from strands_actors.caller.processes.run_directory import notes
 from tests.answers import until
 
 

@@ -16,8 +16,8 @@ import trio
 import zenoh
 
 from strands_actors import Robot
-from strands_actors.caller.nodes import open_node
-from strands_actors.caller.robot import RealRobot
+from strands_actors.caller.handle.robot import RealRobot
+from strands_actors.caller.processes.nodes import open_node
 from strands_actors.kernel.channels.zenoh_mesh import ZenohMesh
 from strands_actors.kernel.channels.zenoh_session import config
 from strands_actors.kernel.messages import Refused

@@ -9,7 +9,7 @@ from functools import partial
 import pytest
 import trio
 
-from strands_actors.caller.run_directory import Name
+from strands_actors.caller.processes.run_directory import Name
 from strands_actors.kernel.channels.pubsub import PubSub
 from strands_actors.kernel.channels.zenoh_session import unix_endpoint
 from tests.spinning import spinning

@@ -11,7 +11,7 @@ import pytest
 import trio
 import zenoh
 
-from strands_actors.caller.run_directory import Name
+from strands_actors.caller.processes.run_directory import Name
 from strands_actors.contract.driver import Reason
 from strands_actors.kernel.actor import Actor
 from strands_actors.kernel.channels.link import Link

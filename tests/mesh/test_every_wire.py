@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 
 from strands_actors import Robot, estop
-from strands_actors.caller.robot import RealRobot
+from strands_actors.caller.handle.robot import RealRobot
 from strands_actors.contract.driver import Reason
 from strands_actors.drivers import get_native_driver_class
 from strands_actors.surfaces.cli.matrix import one_of_each

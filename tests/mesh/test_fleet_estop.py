@@ -12,8 +12,8 @@ from typing import NamedTuple
 import pytest
 
 from strands_actors import Robot, estop
-from strands_actors.caller.portal import portal
-from strands_actors.caller.robot import RealRobot
+from strands_actors.caller.handle.robot import RealRobot
+from strands_actors.caller.session.portal import portal
 from strands_actors.surfaces.mesh import estop_button, resume
 from strands_actors.testing import Twin
 from tests.answers import resumed

@@ -14,8 +14,8 @@ import pytest
 import trio
 import zenoh
 
-from strands_actors.caller.nodes import open_node
-from strands_actors.caller.run_directory import notes
+from strands_actors.caller.processes.nodes import open_node
+from strands_actors.caller.processes.run_directory import notes
 from strands_actors.contract.axis import Axis, AxisMode
 from strands_actors.contract.driver import Reason, Service
 from strands_actors.kernel.actor import Actor

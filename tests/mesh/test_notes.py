@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 import trio
 
-from strands_actors.caller.run_directory import Name, Note, is_held, notes
+from strands_actors.caller.processes.run_directory import Name, Note, is_held, notes
 from strands_actors.kernel.channels.zenoh_session import unix_endpoint
 from strands_actors.surfaces.mesh import estop_button
 from strands_actors.surfaces.mesh.sessions import EVERYBODY, LOOK_S
@@ -122,7 +122,7 @@ def test_saf_005_a_directory_that_cannot_be_used_is_told(run_dir: Path) -> None:
 
 TAKE = """
 import os
-from strands_actors.caller.run_directory import Name
+from strands_actors.caller.processes.run_directory import Name
 taken = {}
 for _ in range(300):
     name = Name("zz")

@@ -10,7 +10,7 @@ import msgspec
 import trio
 
 from strands_actors import Robot
-from strands_actors.caller.run_directory import notes
+from strands_actors.caller.processes.run_directory import notes
 from strands_actors.kernel.channels.pubsub import PubSub, Received
 from strands_actors.kernel.messages import Refused
 from strands_actors.supervisors import addresses

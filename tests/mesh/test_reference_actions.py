@@ -13,7 +13,7 @@ import pytest
 import trio
 
 from strands_actors import Robot, broadcast, estop, get_peers, open_mesh, tell
-from strands_actors.caller.robot import RealRobot
+from strands_actors.caller.handle.robot import RealRobot
 from strands_actors.kernel.messages import Refused
 from strands_actors.surfaces.mesh.client import MeshClient
 from strands_actors.surfaces.mesh.mapping_commands import send

@@ -12,7 +12,7 @@ from typing import NamedTuple
 import pytest
 
 from strands_actors import Robot
-from strands_actors.caller.robot import RealRobot
+from strands_actors.caller.handle.robot import RealRobot
 from strands_actors.surfaces.mesh import MeshConfig
 from strands_actors.surfaces.mesh.keys import make
 from strands_actors.testing import Twin

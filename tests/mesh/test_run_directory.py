@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from strands_actors.caller.run_directory import run_dir
+from strands_actors.caller.processes.run_directory import run_dir
 
 
 @pytest.fixture

@@ -8,7 +8,7 @@ import time
 import pytest
 import trio
 
-from strands_actors.caller.run_directory import Name, Note
+from strands_actors.caller.processes.run_directory import Name, Note
 from strands_actors.kernel.channels.zenoh_session import unix_endpoint
 from strands_actors.kernel.messages import Refused
 from strands_actors.supervisors.gate.messages import Acquire, Lease, Release, Setpoint

@@ -13,7 +13,7 @@ import pytest
 import trio
 import zenoh
 
-from strands_actors.caller.run_directory import notes
+from strands_actors.caller.processes.run_directory import notes
 from strands_actors.contract.sensors import TOPICS_HZ, Sensor
 from strands_actors.contract.wire import Observation
 from strands_actors.supervisors.gate.messages import Accepted, Acquire, Lease, Release, Setpoint

@@ -11,7 +11,7 @@ from typing import Any
 import msgspec
 import trio
 
-from strands_actors.caller.run_directory import Name, Note
+from strands_actors.caller.processes.run_directory import Name, Note
 from strands_actors.kernel.channels.pubsub import Received
 from strands_actors.kernel.channels.zenoh_session import unix_endpoint
 from strands_actors.kernel.clock import MonotonicClock

@@ -9,8 +9,8 @@ from typing import Any
 
 import pytest
 
-from strands_actors.caller.motions import Motion, Seen
-from strands_actors.caller.paths import Path, check_along, plan_along, read_path
+from strands_actors.caller.session.motions import Motion, Seen
+from strands_actors.caller.session.paths import Path, check_along, plan_along, read_path
 from strands_actors.contract.axis import AxisMode
 from strands_actors.contract.driver import Driver
 from strands_actors.kernel.messages import Refused

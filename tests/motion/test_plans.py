@@ -9,7 +9,15 @@ import math
 import pytest
 from msgspec.structs import replace
 
-from strands_actors.caller.motions import PEAK, Motion, Seen, minimum_jerk, plan_hold, plan_move, refuse_targets
+from strands_actors.caller.session.motions import (
+    PEAK,
+    Motion,
+    Seen,
+    minimum_jerk,
+    plan_hold,
+    plan_move,
+    refuse_targets,
+)
 from strands_actors.contract.axis import AxisMode
 from strands_actors.contract.driver import Driver, GateState
 from strands_actors.kernel.clock import NS

@@ -12,7 +12,15 @@ import pytest
 import trio
 import trio.testing
 
-from strands_actors.caller.motions import LONGEST_S, Motion, Seen, Steps, plan_hold, plan_move, refuse_targets
+from strands_actors.caller.session.motions import (
+    LONGEST_S,
+    Motion,
+    Seen,
+    Steps,
+    plan_hold,
+    plan_move,
+    refuse_targets,
+)
 from strands_actors.contract.axis import AxisMode
 from strands_actors.contract.driver import Driver, Reason
 from strands_actors.drivers import get_native_driver_class as native

@@ -10,10 +10,10 @@ import pytest
 import trio
 
 from strands_actors import Robot, open_robot
-from strands_actors.caller.async_robot import AsyncRobot
-from strands_actors.caller.real_robot import RealRobot
-from strands_actors.caller.sim_robot import SimRobot
-from strands_actors.caller.vocabulary import call_of, is_command, verb_names
+from strands_actors.caller.handle.async_robot import AsyncRobot
+from strands_actors.caller.handle.real_robot import RealRobot
+from strands_actors.caller.handle.sim_robot import SimRobot
+from strands_actors.caller.handle.vocabulary import call_of, is_command, verb_names
 from strands_actors.contract.tool_verbs import DURATION
 from strands_actors.kernel.messages import Refused
 from strands_actors.surfaces.agents.calls import Call

@@ -12,11 +12,11 @@ from pathlib import Path
 import numpy as np
 
 from strands_actors import Robot, register_robot
-from strands_actors.drivers.common.jointed import Jointed
-from strands_actors.drivers.common.lean_mujoco import mujoco
-from strands_actors.drivers.common.newton_solver import NewtonSolver
-from strands_actors.drivers.common.physics import Plant
-from strands_actors.drivers.common.solver import MujocoSolver, Solver
+from strands_actors.drivers.common.physics.jointed import Jointed
+from strands_actors.drivers.common.physics.lean_mujoco import mujoco
+from strands_actors.drivers.common.physics.newton_solver import NewtonSolver
+from strands_actors.drivers.common.physics.physics import Plant
+from strands_actors.drivers.common.physics.solver import MujocoSolver, Solver
 from strands_actors.drivers.feetech.robots import TABLES
 
 CHAIN = """

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from strands_actors import RecordingError, Robot, record, record_dataset, replay
-from strands_actors.caller.real_robot import RealRobot
+from strands_actors.caller.handle.real_robot import RealRobot
 from strands_actors.drivers import SIMULATION
 from strands_actors.surfaces.recording.code import driver_class_of
 from tests.answers import json_of, until

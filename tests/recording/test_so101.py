@@ -20,8 +20,8 @@ import pytest
 from mcap.reader import make_reader
 
 from strands_actors import Robot
-from strands_actors.caller.portal import portal
-from strands_actors.caller.robot import RealRobot
+from strands_actors.caller.handle.robot import RealRobot
+from strands_actors.caller.session.portal import portal
 from strands_actors.contract.driver import Reason
 from strands_actors.kernel.messages import Message, Refused
 from strands_actors.kernel.node import Node
@@ -219,7 +219,9 @@ def test_the_command_replays(run: tuple[Path, str], capsys: pytest.CaptureFixtur
 def test_a_changed_limit_is_found(run: tuple[Path, str]) -> None:
     recording = read(run[0])
     driver = build_driver(recording.info)
-    driver.gates = tuple(check for check in driver.gates if check.__name__ not in ("past_told_range", "jumps"))
+    driver.gates = tuple(
+        check for check in driver.gates if check.__name__ not in ("outside_reported_range", "jumps")
+    )
     difference = replay(recording, driver).difference
     assert difference is not None and "{shoulder_pan: 400.0}" in difference.message
     assert any("past_travel" in effect for effect in difference.recorded)

@@ -14,8 +14,8 @@ from typing import Any
 
 import pytest
 
-from strands_actors.caller.envelopes import Answer, PendingAnswer, success
-from strands_actors.caller.robot import RealRobot
+from strands_actors.caller.handle.envelopes import Answer, PendingAnswer, success
+from strands_actors.caller.handle.robot import RealRobot
 from strands_actors.testing import Twin
 from tests.answers import json_of, until
 

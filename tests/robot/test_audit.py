@@ -9,8 +9,8 @@ from typing import Any
 import pytest
 import trio
 
-from strands_actors.caller.robot import RealRobot
-from strands_actors.caller.run_directory import audit_file
+from strands_actors.caller.handle.robot import RealRobot
+from strands_actors.caller.processes.run_directory import audit_file
 from strands_actors.supervisors.root import audit
 from strands_actors.supervisors.root.audit import BURST, KEPT, Audit
 from strands_actors.surfaces.mesh import broadcast, estop

@@ -10,7 +10,7 @@ import time
 import pytest
 import trio
 
-from strands_actors.caller.background import open_background
+from strands_actors.caller.processes.background import open_background
 from strands_actors.testing import Twin
 from tests.answers import until
 

@@ -16,10 +16,10 @@ from pathlib import Path
 import pytest
 import trio
 
-from strands_actors.caller import real_robot
-from strands_actors.caller.plan import Plan
-from strands_actors.caller.run_directory import is_held, notes
-from strands_actors.caller.tree_processes import TreeProcesses
+from strands_actors.caller.handle import real_robot
+from strands_actors.caller.processes.plan import Plan
+from strands_actors.caller.processes.run_directory import is_held, notes
+from strands_actors.caller.processes.tree_processes import TreeProcesses
 from strands_actors.testing import Twin
 from tests.answers import json_of, until, why
 from tests.forked import execute_what_is_started_here

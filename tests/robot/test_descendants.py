@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from strands_actors.caller.descendants import Entry, complete
+from strands_actors.caller.processes.descendants import Entry, complete
 from strands_actors.supervisors.root.messages import ProcessInfo, TreeReport
 
 LISTED = {"caller": 10, "root": 20, "standby": 30, "twin": 40}

@@ -11,8 +11,8 @@ from pathlib import Path
 
 import pytest
 
-from strands_actors.caller.robot import RealRobot
-from strands_actors.caller.run_directory import notes
+from strands_actors.caller.handle.robot import RealRobot
+from strands_actors.caller.processes.run_directory import notes
 from strands_actors.testing import Twin
 from tests.answers import json_of, status
 from tests.forked import execute_what_is_started_here

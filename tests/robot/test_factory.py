@@ -12,8 +12,8 @@ from serial.tools import list_ports
 
 import strands_actors
 from strands_actors import Robot
-from strands_actors.caller.robot import RealRobot, SimRobot
-from strands_actors.caller.wanted import read as factory_keywords
+from strands_actors.caller.handle.robot import RealRobot, SimRobot
+from strands_actors.caller.resolve.wanted import read as factory_keywords
 from strands_actors.drivers import HardwareDriver, register_native_driver, register_robot
 
 PORT = {"mode": "real", "port": "/dev/ttyACM0"}

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 
-from strands_actors.caller.run_directory import Held, is_held, notes
+from strands_actors.caller.processes.run_directory import Held, is_held, notes
 from strands_actors.surfaces.mesh import estop
 from strands_actors.testing import Twin
 from tests.answers import json_of, status, until

@@ -16,8 +16,8 @@ import msgspec
 import pytest
 
 from strands_actors import Robot, estop
-from strands_actors.caller.portal import portal
-from strands_actors.caller.robot import RealRobot
+from strands_actors.caller.handle.robot import RealRobot
+from strands_actors.caller.session.portal import portal
 from strands_actors.testing import Twin
 from tests.answers import json_of, pids, resumed, status, until, why
 

@@ -9,9 +9,9 @@ from typing import Any
 
 import pytest
 
-from strands_actors.caller import directory
-from strands_actors.caller.portal import portal
-from strands_actors.caller.robot import RealRobot
+from strands_actors.caller.handle.robot import RealRobot
+from strands_actors.caller.processes import directory
+from strands_actors.caller.session.portal import portal
 from strands_actors.contract.driver import Reason
 from strands_actors.kernel.actor import Actor
 from strands_actors.kernel.messages import Message, Refused

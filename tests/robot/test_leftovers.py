@@ -12,8 +12,8 @@ import threading
 import time
 from pathlib import Path
 
-from strands_actors.caller.leftovers import remove_leftovers
-from strands_actors.caller.run_directory import Name, is_held, notes
+from strands_actors.caller.processes.leftovers import remove_leftovers
+from strands_actors.caller.processes.run_directory import Name, is_held, notes
 
 KILLED = """
 import os, signal

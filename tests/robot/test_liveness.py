@@ -9,7 +9,7 @@ import time
 
 import pytest
 
-from strands_actors.caller.liveness import Liveness
+from strands_actors.caller.session.liveness import Liveness
 from strands_actors.kernel.health.processor import Standing
 
 
@@ -71,7 +71,7 @@ def test_a_thread_that_could_not_compute_because_we_stood_in_line_with_the_lock_
         waited_ns = passed_ns * 8 // 10 if thread == own else 0
         return Standing(passed_ns // 10, waited_ns, True)
 
-    monkeypatch.setattr("strands_actors.caller.liveness.standing", told)
+    monkeypatch.setattr("strands_actors.caller.session.liveness.standing", told)
     liveness = Liveness()
     liveness.look()
     time.sleep(0.05)
@@ -80,7 +80,7 @@ def test_a_thread_that_could_not_compute_because_we_stood_in_line_with_the_lock_
 
 FORKED = """
 import os, sys, time
-from strands_actors.caller.liveness import Liveness
+from strands_actors.caller.session.liveness import Liveness
 if os.fork() == 0:
     liveness = Liveness()
     liveness.look()

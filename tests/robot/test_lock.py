@@ -14,7 +14,7 @@ from pathlib import Path
 
 import pytest
 
-from strands_actors.caller.robot import RealRobot
+from strands_actors.caller.handle.robot import RealRobot
 from strands_actors.contract.driver import Driver
 from strands_actors.drivers import get_native_driver_class, register_native_driver
 from strands_actors.drivers.feetech.driver import Feetech

@@ -11,7 +11,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from strands_actors.drivers.common.physics import Plant
+from strands_actors.drivers.common.physics.physics import Plant
 from strands_actors.drivers.model.driver import ModelDriver
 from strands_actors.drivers.model.reading import Read, read_model
 

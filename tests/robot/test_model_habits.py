@@ -10,10 +10,10 @@ import mujoco
 import numpy as np
 import pytest
 
-from strands_actors.drivers.common.physics import Plant
+from strands_actors.drivers.common.physics.physics import Plant
+from strands_actors.drivers.common.physics.scenery import Object, Scenery
 from strands_actors.drivers.common.simulation_control.renderer import CannotRender, SceneRenderer
 from strands_actors.drivers.common.simulation_control.scene import View, decorate
-from strands_actors.drivers.common.simulation_control.scenery import Object, Scenery
 from strands_actors.drivers.model.reading import Read, read_model
 
 AT_BOTH = '<{0} joint="one" {1}/><{0} joint="two" {1}/>'

@@ -18,12 +18,12 @@ import pytest
 import trio
 
 from strands_actors import Robot
-from strands_actors.caller import last_standby
-from strands_actors.caller.plan import plan
-from strands_actors.caller.port_claim import claim_port, place
-from strands_actors.caller.processes import NotConnected
-from strands_actors.caller.real_robot import RealRobot
-from strands_actors.caller.run_directory import Name, notes
+from strands_actors.caller.handle.real_robot import RealRobot
+from strands_actors.caller.processes import last_standby
+from strands_actors.caller.processes.port_claim import claim_port, place
+from strands_actors.caller.processes.robot_processes import NotConnected
+from strands_actors.caller.processes.run_directory import Name, notes
+from strands_actors.caller.resolve.planning import plan
 from strands_actors.testing import Twin
 from tests.answers import json_of, pids, until
 

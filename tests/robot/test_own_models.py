@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from strands_actors import Robot, drivers, list_robots, register_robot
-from strands_actors.caller.robot import SimRobot
+from strands_actors.caller.handle.robot import SimRobot
 from strands_actors.policies import MockPolicy
 from tests.answers import json_of, task_ended, until, why
 

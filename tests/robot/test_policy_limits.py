@@ -13,7 +13,7 @@ from typing import Any
 import pytest
 
 from strands_actors import Robot
-from strands_actors.caller.robot import RealRobot
+from strands_actors.caller.handle.robot import RealRobot
 from strands_actors.kernel.processes.limits import PolicyLimits, limits_of
 from strands_actors.surfaces.mesh import TLS, MeshConfig, estop
 from strands_actors.surfaces.mesh.keys import make

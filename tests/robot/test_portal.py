@@ -13,8 +13,8 @@ import pytest
 import trio
 
 from strands_actors import Robot
-from strands_actors.caller import tree_processes
-from strands_actors.caller.portal import SWITCH_S, Portal
+from strands_actors.caller.processes import tree_processes
+from strands_actors.caller.session.portal import SWITCH_S, Portal
 from strands_actors.kernel.processes import process
 
 
@@ -24,7 +24,7 @@ def test_a_thread_that_computes_lets_the_loop_run_soon_and_a_script_may_want_it_
 ) -> None:
     code = (
         f"import sys; sys.setswitchinterval({given_s})\n"
-        "from strands_actors.caller.portal import portal; portal()\n"
+        "from strands_actors.caller.session.portal import portal; portal()\n"
         "print(sys.getswitchinterval())"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60, check=True)

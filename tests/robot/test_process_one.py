@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from strands_actors.caller import process_one
+from strands_actors.caller.processes import process_one
 from strands_actors.surfaces.cli.doctor import OK, WEAK, check_process_one
 from strands_actors.testing import Twin
 

@@ -13,7 +13,7 @@ import numpy
 import pytest
 
 from strands_actors import Robot
-from strands_actors.caller.robot import RealRobot
+from strands_actors.caller.handle.robot import RealRobot
 from strands_actors.testing import Twin
 from tests.answers import json_of, status, task, task_ended, until, why
 

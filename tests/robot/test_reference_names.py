@@ -9,8 +9,8 @@ import pytest
 
 import strands_actors
 from strands_actors import Robot
-from strands_actors.caller import reference_names, verbs
-from strands_actors.caller.vocabulary import call_of
+from strands_actors.caller.handle import reference_names, verbs
+from strands_actors.caller.handle.vocabulary import call_of
 from strands_actors.contract.driver import GateState
 from strands_actors.contract.wire import Observation
 from strands_actors.drivers import get_native_driver_class, list_native_drivers

@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 
 from strands_actors import Robot
-from strands_actors.caller.robot import RealRobot
+from strands_actors.caller.handle.robot import RealRobot
 from strands_actors.drivers.ur.arms import JOINTS
 from strands_actors.testing import Twin
 from tests.answers import json_of, resumed, status, task, task_ended, until, why

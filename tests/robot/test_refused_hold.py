@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 import trio
 
-from strands_actors.caller.rollouts import Rollouts
+from strands_actors.caller.session.rollouts import Rollouts
 from strands_actors.kernel.messages import Message, Refused
 from strands_actors.kernel.node import AskTimeout
 from strands_actors.supervisors.root.messages import TaskStatus

@@ -13,7 +13,7 @@ from typing import Any
 import pytest
 import trio
 
-from strands_actors.caller.robot import RealRobot
+from strands_actors.caller.handle.robot import RealRobot
 from strands_actors.kernel.messages import Message
 from strands_actors.kernel.node import AskTimeout
 from strands_actors.kernel.ref import Ref

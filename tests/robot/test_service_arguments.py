@@ -8,8 +8,8 @@ from typing import Any
 import pytest
 
 from strands_actors import Robot
-from strands_actors.caller.plan import plan
-from strands_actors.caller.verbs import name_values
+from strands_actors.caller.handle.verbs import name_values
+from strands_actors.caller.resolve.planning import plan
 from strands_actors.kernel.messages import Refused
 from tests.answers import json_of, state, why
 

@@ -19,9 +19,9 @@ import pytest
 import trio
 
 from strands_actors import Robot, open_robot
-from strands_actors.caller import twin_process
-from strands_actors.caller.robot import RealRobot, SimRobot
-from strands_actors.caller.tree import RobotTree
+from strands_actors.caller.handle.robot import RealRobot, SimRobot
+from strands_actors.caller.processes import twin_process
+from strands_actors.caller.session.tree import RobotTree
 from strands_actors.simulation.handle import SimulationError
 from strands_actors.testing import WireLog
 from tests.answers import json_of, pids, state, status, task_ended, until, why

@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 
 from strands_actors import Robot
-from strands_actors.caller.robot import SimRobot
+from strands_actors.caller.handle.robot import SimRobot
 from strands_actors.testing import WireLog
 from tests.answers import json_of, task_ended, until, why
 

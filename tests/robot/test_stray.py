@@ -12,8 +12,8 @@ from pathlib import Path
 
 import pytest
 
-from strands_actors.caller.robot import RealRobot
-from strands_actors.caller.strays import strays
+from strands_actors.caller.handle.robot import RealRobot
+from strands_actors.caller.processes.strays import strays
 from strands_actors.supervisors.root.locks import Locks
 from strands_actors.surfaces.mesh import estop
 from strands_actors.testing import Twin

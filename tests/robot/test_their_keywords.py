@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 
 from strands_actors import Robot, SimRobot
-from strands_actors.caller import sim_recording
+from strands_actors.caller.handle import sim_recording
 from tests.answers import json_of, why
 
 from .helpers import Ahead

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from strands_actors.caller.robot import RealRobot
+from strands_actors.caller.handle.robot import RealRobot
 from strands_actors.drivers.feetech import protocol as p
 from strands_actors.testing import Twin
 from tests.answers import json_of, state, status, task_ended, until, why

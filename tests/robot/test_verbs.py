@@ -19,7 +19,7 @@ import pytest
 import trio
 
 from strands_actors import open_robot
-from strands_actors.caller.robot import RealRobot
+from strands_actors.caller.handle.robot import RealRobot
 from strands_actors.drivers.feetech import protocol as p
 from strands_actors.testing import Twin
 from tests.answers import json_of, pids, state, status, task, until, why

@@ -16,8 +16,8 @@ from typing import Any
 import msgspec
 import zenoh
 
-from strands_actors.caller.portal import portal
-from strands_actors.caller.robot import RealRobot
+from strands_actors.caller.handle.robot import RealRobot
+from strands_actors.caller.session.portal import portal
 from strands_actors.contract.driver import Reason
 from strands_actors.kernel.channels.zenoh_session import config, unix_endpoint
 from strands_actors.kernel.frames import ASK, REPLY, TELL, decode_frame, frame

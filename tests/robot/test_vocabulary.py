@@ -11,8 +11,8 @@ import numpy
 import pytest
 
 from strands_actors import Robot
-from strands_actors.caller.robot import RealRobot
-from strands_actors.caller.tree import RobotTree
+from strands_actors.caller.handle.robot import RealRobot
+from strands_actors.caller.session.tree import RobotTree
 from strands_actors.kernel.messages import Message, Refused
 from strands_actors.kernel.refusals import Code
 from strands_actors.testing import Twin

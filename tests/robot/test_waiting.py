@@ -11,7 +11,7 @@ from typing import Any
 
 import pytest
 
-from strands_actors.caller.robot import RealRobot
+from strands_actors.caller.handle.robot import RealRobot
 from strands_actors.testing import Twin
 from tests.answers import json_of, task, task_ended, until, why
 

@@ -15,7 +15,7 @@ import trio
 
 from strands_actors.contract.driver import HOLDING_REASONS, Candidate, Driver, GateState, Reason, Timing
 from strands_actors.contract.wire import MotorReport, Observation, Permit, StopChannel, Wire, WireDown
-from strands_actors.drivers.common.addresses import parse_address
+from strands_actors.drivers.common.ports.addresses import parse_address
 from strands_actors.drivers.common.twin import Exchange, Reply, TcpServer, answering, run_server
 from strands_actors.drivers.common.twin.faults import Fault, Faults
 from strands_actors.kernel.clock import Clock

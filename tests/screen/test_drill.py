@@ -16,7 +16,7 @@ import pytest
 
 import strands_actors
 from strands_actors import Robot
-from strands_actors.caller.plan import plan
+from strands_actors.caller.resolve.planning import plan
 from strands_actors.drivers import get_native_driver_class
 from strands_actors.surfaces.cli.matrix import one_of_each
 from strands_actors.surfaces.drill.certificate import (

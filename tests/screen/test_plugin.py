@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 
 import strands_actors
-from strands_actors.caller.robot import RealRobot
+from strands_actors.caller.handle.robot import RealRobot
 from strands_actors.testing import Twin, WireLog
 
 from .blinky import Blinky

@@ -14,7 +14,7 @@ import pytest
 import trio
 
 from strands_actors import Robot, Teleoperator
-from strands_actors.caller.robot import SimRobot
+from strands_actors.caller.handle.robot import SimRobot
 from strands_actors.kernel.clock import MonotonicClock
 from strands_actors.supervisors.root.messages import Operate
 from strands_actors.teleoperation.verbs import operate

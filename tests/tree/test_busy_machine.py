@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 import trio
 
-from strands_actors.caller import envelopes
+from strands_actors.caller.handle import envelopes
 from strands_actors.contract.driver import Reason
 from strands_actors.kernel.health.busy import Machine, assumed
 from strands_actors.kernel.messages import Refused

@@ -15,7 +15,7 @@ from strands_actors.drivers.booster import rpc
 from strands_actors.drivers.booster.protocol import Battery, Command, Fall, Odometer, State
 from strands_actors.drivers.booster.robots import BASE, FIRST_ARM, HEAD, LAST_ARM, Model
 from strands_actors.drivers.booster.rpc import STANDS, WALKS, Api, Mode, Request, Response
-from strands_actors.drivers.common.malformed import MalformedFrame
+from strands_actors.drivers.common.codecs.malformed import MalformedFrame
 
 from .body import body_of
 

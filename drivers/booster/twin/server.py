@@ -26,7 +26,7 @@ from strands_actors.drivers.booster import rpc
 from strands_actors.drivers.booster.protocol import Battery, Command, Fall
 from strands_actors.drivers.booster.robots import FIRST_ARM, LAST_ARM, Model
 from strands_actors.drivers.booster.rpc import Api, Mode, Request, Response
-from strands_actors.drivers.common.malformed import MalformedFrame
+from strands_actors.drivers.common.codecs.malformed import MalformedFrame
 from strands_actors.drivers.common.rtps import CDR, PREFIX_SIZE, Participant
 from strands_actors.drivers.common.twin import WireLog
 from strands_actors.drivers.common.twin.dds import DdsOptions, DdsServer

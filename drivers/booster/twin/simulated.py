@@ -10,8 +10,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from strands_actors.drivers.booster.robots import FIRST_ARM, LAST_ARM
-from strands_actors.drivers.common.simulation_control.body import Felt, Hand
-from strands_actors.drivers.common.simulation_control.protocol import TIMESTEP_S
+from strands_actors.drivers.common.physics.body import TIMESTEP_S, Felt, Hand
 
 from .onboard import Onboard
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from strands_actors.drivers.common.calibration import MotorCalibration
+from strands_actors.drivers.common.kit.calibration import MotorCalibration
 from strands_actors.drivers.common.servo.axes import TOP, Axis
 from strands_actors.drivers.common.servo.handshake import block, command
 from strands_actors.drivers.common.servo.setup import HALF_TURN, Setup

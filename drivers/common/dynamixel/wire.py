@@ -9,8 +9,8 @@ import trio
 
 from strands_actors.contract.safe_state import SafeState
 from strands_actors.contract.wire import MotorReport, Observation, Permit, WireDown
-from strands_actors.drivers.common.half_duplex import HalfDuplexBus
-from strands_actors.drivers.common.serial_port import BytePort, open_serial
+from strands_actors.drivers.common.ports.half_duplex import HalfDuplexBus
+from strands_actors.drivers.common.ports.serial_port import BytePort, open_serial
 from strands_actors.drivers.common.servo.config import ServoConfig
 from strands_actors.drivers.common.servo.handshake import command
 from strands_actors.drivers.common.servo.identity import limits_of

@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
-from strands_actors.drivers.common.malformed import MalformedFrame
+from strands_actors.drivers.common.codecs.malformed import MalformedFrame
 
 from . import discovery, messages, parameters
 from .discovery import TRANSIENT_LOCAL, VOLATILE, EndpointData, ParticipantData

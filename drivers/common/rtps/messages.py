@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Sequence
 from typing import NamedTuple
 
-from strands_actors.drivers.common.malformed import MalformedFrame
+from strands_actors.drivers.common.codecs.malformed import MalformedFrame
 
 from . import parameters
 from .wire_types import BIG, LITTLE, PREFIX_SIZE, UNKNOWN, VENDOR, Address, Buffer, Order

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import socket
 
-from strands_actors.drivers.common.malformed import MalformedFrame
+from strands_actors.drivers.common.codecs.malformed import MalformedFrame
 
 from .wire_types import BIG, LITTLE, Address, Order
 

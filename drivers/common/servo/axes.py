@@ -9,7 +9,7 @@ from typing import Any
 import msgspec
 
 from strands_actors.contract import axis as contract
-from strands_actors.drivers.common.calibration import MotorCalibration
+from strands_actors.drivers.common.kit.calibration import MotorCalibration
 
 COUNTS = 4096
 """Encoder counts per turn: Feetech STS and SMS, Dynamixel X."""

@@ -10,7 +10,7 @@ from typing import Any, Protocol, TypeVar
 import trio
 
 from strands_actors.contract.wire import WireDown
-from strands_actors.drivers.common.calibration import MotorCalibration
+from strands_actors.drivers.common.kit.calibration import MotorCalibration
 
 from .axes import TOP
 from .setup import Ranges, Setup

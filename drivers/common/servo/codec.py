@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Protocol
 
-from strands_actors.drivers.common.half_duplex import Decoder, PacketT_co
+from strands_actors.drivers.common.ports.half_duplex import Decoder, PacketT_co
 
 
 class Field(Protocol):

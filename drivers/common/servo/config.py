@@ -6,7 +6,7 @@ from collections.abc import Mapping
 
 import msgspec
 
-from strands_actors.drivers.common.calibration import MotorCalibration
+from strands_actors.drivers.common.kit.calibration import MotorCalibration
 
 from .axes import Axis
 

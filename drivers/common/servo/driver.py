@@ -16,10 +16,10 @@ from strands_actors.contract.fallbacks import fallbacks_for
 from strands_actors.contract.options import DriverOptions, meanings, option
 from strands_actors.contract.safe_state import SafeState
 from strands_actors.contract.tool_verbs import MOVE_TO, SENSORS, SET_TORQUE, STATUS, STOP, ToolVerb
-from strands_actors.drivers.common import calibration as lerobot
-from strands_actors.drivers.common.addresses import check_device
-from strands_actors.drivers.common.refusals import MotorCode
-from strands_actors.drivers.common.robot_tables import RobotTables
+from strands_actors.drivers.common.kit import calibration as lerobot
+from strands_actors.drivers.common.kit.refusals import MotorCode
+from strands_actors.drivers.common.kit.robot_tables import RobotTables
+from strands_actors.drivers.common.ports.addresses import check_device
 
 from .axes import COUNTS_PER_RADIAN, MIDDLE, axes_of
 from .config import ServoConfig

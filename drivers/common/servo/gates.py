@@ -5,10 +5,10 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 
-from strands_actors.contract.axis_gates import Axes, past_range, past_told_range, stale, too_fast
+from strands_actors.contract.axis_gates import Axes, outside_reported_range, past_range, stale, too_fast
 from strands_actors.contract.driver import Candidate, GateCheck, GateState
 from strands_actors.contract.wire import Observation
-from strands_actors.drivers.common.refusals import MotorCode
+from strands_actors.drivers.common.kit.refusals import MotorCode
 from strands_actors.kernel.messages import Refused
 from strands_actors.kernel.refusals import Code
 
@@ -40,7 +40,7 @@ def all_gates(
     return (
         # The limits in the registers of a servo may be narrower than the range of its model. Beyond them
         # the servo would stand still without an error, or stop on the way.
-        past_told_range(axes, "travel_low", "travel_high", untold=past_range(axes)),
+        outside_reported_range(axes, "travel_low", "travel_high", untold=past_range(axes)),
         stale(axes, state_ttl_s),
         voltage(axes),
         temperature(axes),

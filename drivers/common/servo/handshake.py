@@ -8,8 +8,8 @@ from collections.abc import Collection, Mapping, Sequence
 from typing import Any
 
 from strands_actors.contract.wire import WireDown
-from strands_actors.drivers.common.calibration import MotorCalibration
-from strands_actors.drivers.common.half_duplex import BUSY_S, HalfDuplexBus, Packet, PacketT
+from strands_actors.drivers.common.kit.calibration import MotorCalibration
+from strands_actors.drivers.common.ports.half_duplex import BUSY_S, HalfDuplexBus, Packet, PacketT
 
 from .axes import Axis
 from .codec import Codec

@@ -7,7 +7,7 @@ from typing import Any, ClassVar
 
 import msgspec
 
-from strands_actors.drivers.common import calibration
+from strands_actors.drivers.common.kit import calibration
 
 from .driver import ServoDriver
 

@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 from typing import Generic, NamedTuple
 
 from strands_actors.contract.wire import Observation
-from strands_actors.drivers.common.half_duplex import PacketT
+from strands_actors.drivers.common.ports.half_duplex import PacketT
 from strands_actors.kernel.clock import NS
 
 from .axes import Axis

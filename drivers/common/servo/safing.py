@@ -9,8 +9,8 @@ from typing import ClassVar, Generic
 import trio
 
 from strands_actors.contract.wire import MotorReport, WireDown
-from strands_actors.drivers.common.half_duplex import HalfDuplexBus, PacketT
-from strands_actors.drivers.common.serial_port import BytePort
+from strands_actors.drivers.common.ports.half_duplex import HalfDuplexBus, PacketT
+from strands_actors.drivers.common.ports.serial_port import BytePort
 from strands_actors.kernel.clock import NS, Clock
 
 from .axes import Axis

@@ -8,9 +8,9 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Generic, NamedTuple
 
 from strands_actors.contract.wire import WireDown
-from strands_actors.drivers.common.calibration import MotorCalibration
-from strands_actors.drivers.common.half_duplex import HalfDuplexBus, PacketT
-from strands_actors.drivers.common.serial_port import BytePort, open_serial
+from strands_actors.drivers.common.kit.calibration import MotorCalibration
+from strands_actors.drivers.common.ports.half_duplex import HalfDuplexBus, PacketT
+from strands_actors.drivers.common.ports.serial_port import BytePort, open_serial
 from strands_actors.kernel.clock import Clock
 
 from .axes import MIDDLE, TOP, Axis

@@ -9,8 +9,8 @@ from typing import Generic
 from strands_actors.contract.safe_state import SafeState
 from strands_actors.contract.stop_channels import DuplicateDescriptor
 from strands_actors.contract.wire import MotorReport, WireDown
-from strands_actors.drivers.common.half_duplex import PacketT
-from strands_actors.drivers.common.serial_port import BytePort, adopt_serial, open_serial
+from strands_actors.drivers.common.ports.half_duplex import PacketT
+from strands_actors.drivers.common.ports.serial_port import BytePort, adopt_serial, open_serial
 from strands_actors.kernel.clock import Clock
 
 from .codec import Codec

@@ -15,10 +15,10 @@ import trio
 
 from strands_actors.contract.safe_state import SafeState
 from strands_actors.contract.wire import MotorReport, Observation, Permit, PermitDenied, WireDown
-from strands_actors.drivers.common.half_duplex import HalfDuplexBus, Health, PacketT, Quiet
-from strands_actors.drivers.common.port_users import users_of
-from strands_actors.drivers.common.serial_port import BytePort, in_use, open_serial
-from strands_actors.drivers.common.session_wire import SessionWire
+from strands_actors.drivers.common.kit.session_wire import SessionWire
+from strands_actors.drivers.common.ports.half_duplex import HalfDuplexBus, Health, PacketT, Quiet
+from strands_actors.drivers.common.ports.port_users import users_of
+from strands_actors.drivers.common.ports.serial_port import BytePort, in_use, open_serial
 from strands_actors.kernel.clock import NS, Clock
 
 from .axes import COUNTS, Axis
@@ -69,7 +69,7 @@ class ServoSession(Generic[PacketT]):
         self.goals: dict[int, int] = {}  # the last ones that were written
         self.aimed_ns = 0  # when they changed
 
-    def to_tell(self, counts: Mapping[int, int]) -> dict[int, int]:
+    def reachable_goals(self, counts: Mapping[int, int]) -> dict[int, int]:
         """Return the goals without servos that are silent, which may have lost their torque, and without
         servos that have lost it."""
         left_out = self.readings.limp.union(self.health.mute())
@@ -186,7 +186,7 @@ class ServoWire(SessionWire[ServoSession[PacketT]], Generic[PacketT]):
         if not self._armed:
             raise PermitDenied("not armed")
         requested = {axis.id: axis.count(value) for axis, value in zip(self.axes, values, strict=True)}
-        counts = session.to_tell(requested)
+        counts = session.reachable_goals(requested)
         if not counts:  # If no servo could take this setpoint in time, drop it.
             raise PermitDenied("no servo is heard that has torque")
         frame = self.CODEC.goals(counts)
@@ -264,7 +264,7 @@ class ServoWire(SessionWire[ServoSession[PacketT]], Generic[PacketT]):
     async def _hold(self, session: ServoSession[PacketT]) -> tuple[MotorReport, ...]:
         if not self._armed:
             return await session.safing.hold({})  # Servos that have torque all the same are asked.
-        kept = session.to_tell(session.goals)
+        kept = session.reachable_goals(session.goals)
         reports = await session.safing.hold(session.known(), kept, session.told)
         session.told(
             {

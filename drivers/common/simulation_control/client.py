@@ -12,7 +12,7 @@ import msgspec
 import trio
 
 from strands_actors.contract.wire import WireDown
-from strands_actors.drivers.common.malformed import MalformedFrame
+from strands_actors.drivers.common.codecs.malformed import MalformedFrame
 from strands_actors.kernel.processes.reserve import RESERVE
 
 from . import protocol as p

@@ -12,15 +12,13 @@ from typing import Generic, TypeVar
 
 import msgspec
 
-from strands_actors.drivers.common.malformed import MalformedFrame
+from strands_actors.drivers.common.codecs.malformed import MalformedFrame
 
 HEADER = 4
 MAX_REQUEST = 1 << 16
 MAX_REPLY = 1 << 26
 """Bytes; the longest is a picture."""
 
-TIMESTEP_S = 0.002
-"""Of the physics of every twin."""
 MOST_STEPS = 100_000
 STEP_S = 30.0
 """Longest time that they may take."""

@@ -13,7 +13,7 @@ import numpy as np
 import trio
 
 from strands_actors.contract.extras import missing
-from strands_actors.drivers.common.lean_mujoco import mujoco
+from strands_actors.drivers.common.physics.lean_mujoco import mujoco
 
 from .scene import CAMERAS, MAX_HEIGHT, MAX_WIDTH, View, decorate, look, view_of, widened
 

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from strands_actors.drivers.common.lean_mujoco import PLAIN, mujoco
+from strands_actors.drivers.common.physics.lean_mujoco import PLAIN, mujoco
 
 from .wrist import add_wrist
 

@@ -12,12 +12,12 @@ from typing import Any, Literal, Protocol
 
 import trio
 
-from strands_actors.drivers.common.malformed import MalformedFrame
+from strands_actors.drivers.common.codecs.malformed import MalformedFrame
 
+from ..physics.body import Body, Flying, Hand
+from ..physics.scenery import Camera, Object, Refused, scenery_of
 from . import protocol as p
-from .body import Body, Flying, Hand
 from .renderer import CannotRender, Renderer
-from .scenery import Camera, Object, Refused, scenery_of
 
 BACKLOG = 16
 _CHUNK = 1 << 16

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from strands_actors.drivers.common.lean_mujoco import PLAIN, mujoco
+from strands_actors.drivers.common.physics.lean_mujoco import PLAIN, mujoco
 
 WRIST = "wrist"
 FIELD_DEG = 75.0

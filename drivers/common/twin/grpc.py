@@ -10,7 +10,7 @@ import time
 from collections import deque
 from typing import Protocol
 
-from strands_actors.drivers.common.grpc_messages import (
+from strands_actors.drivers.common.codecs.grpc_messages import (
     MAX_MESSAGE,
     Called,
     Ended,
@@ -20,7 +20,7 @@ from strands_actors.drivers.common.grpc_messages import (
     ServerEnd,
     Status,
 )
-from strands_actors.drivers.common.malformed import MalformedFrame
+from strands_actors.drivers.common.codecs.malformed import MalformedFrame
 
 from .faults import DELAYED_S, SLOW_S, Fault, Faults, Reply
 from .tcp import ClientGone, Connection

@@ -6,8 +6,8 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from typing import NamedTuple, Protocol
 
-from strands_actors.drivers.common.http_messages import Request, ServerEnd, encode_response
-from strands_actors.drivers.common.malformed import MalformedFrame
+from strands_actors.drivers.common.codecs.http_messages import Request, ServerEnd, encode_response
+from strands_actors.drivers.common.codecs.malformed import MalformedFrame
 
 from .faults import Fault, Faults, Reply
 from .server import Exchange

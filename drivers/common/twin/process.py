@@ -14,7 +14,7 @@ from typing import Any, Protocol, TypedDict, Unpack, runtime_checkable
 
 import trio
 
-from strands_actors.drivers.common.simulation_control.body import body_of
+from strands_actors.drivers.common.physics.body import body_of
 from strands_actors.kernel.health.realtime import TWIN_PRIORITY, run_first
 
 from .lateness import Lateness
@@ -164,7 +164,7 @@ async def _main(
 def _open_control(path: str, server: Served, log: WireLog, place: Mapping[str, Any] | None, holds: bool) -> Control:
     """``holds``: the simulation holds the robot where it begins, until somebody lets go of it."""
     # here: they bring MuJoCo, which not every twin has loaded
-    from strands_actors.drivers.common.simulation_control.scenery import scenery_of
+    from strands_actors.drivers.common.physics.scenery import scenery_of
     from strands_actors.drivers.common.simulation_control.server import SimulationControl
 
     body = body_of(server)

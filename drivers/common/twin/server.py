@@ -11,7 +11,7 @@ from typing import NamedTuple, Protocol
 
 import trio
 
-from strands_actors.drivers.common.simulation_control.body import Body, body_of
+from strands_actors.drivers.common.physics.body import Body, body_of
 
 from .alarm import NS, new_alarm
 from .faults import Fault, Reply, parse_fault

@@ -8,9 +8,9 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from typing import Annotated, Generic, NamedTuple, Protocol, TypeVar, Unpack
 
 from strands_actors.contract.options import option
-from strands_actors.drivers.common.half_duplex import Decoder, PacketT
-from strands_actors.drivers.common.jointed_body import JointedBody
-from strands_actors.drivers.common.physics import Plant
+from strands_actors.drivers.common.physics.jointed_body import JointedBody
+from strands_actors.drivers.common.physics.physics import Plant
+from strands_actors.drivers.common.ports.half_duplex import Decoder, PacketT
 
 from .faults import Fault, Faults, Reply
 from .line import PtyLine

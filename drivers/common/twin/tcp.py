@@ -19,7 +19,7 @@ from collections.abc import Awaitable, Callable, Mapping, Sequence
 
 import trio
 
-from strands_actors.drivers.common.simulation_control.body import Body, body_of
+from strands_actors.drivers.common.physics.body import Body, body_of
 
 from .faults import parse_fault
 from .lateness import Lateness

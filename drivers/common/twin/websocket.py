@@ -7,8 +7,15 @@ import time
 from collections import deque
 from collections.abc import Awaitable, Callable
 
-from strands_actors.drivers.common.malformed import MalformedFrame
-from strands_actors.drivers.common.websocket_messages import MAX_HEAD, MAX_MESSAGE, Closed, Heard, Opened, ServerEnd
+from strands_actors.drivers.common.codecs.malformed import MalformedFrame
+from strands_actors.drivers.common.codecs.websocket_messages import (
+    MAX_HEAD,
+    MAX_MESSAGE,
+    Closed,
+    Heard,
+    Opened,
+    ServerEnd,
+)
 
 from .line import Channel
 from .server import Conversation, TwinSession

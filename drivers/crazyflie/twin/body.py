@@ -10,9 +10,9 @@ import math
 from collections.abc import Mapping
 from typing import Any, NamedTuple
 
-from strands_actors.drivers.common.lean_mujoco import mujoco
-from strands_actors.drivers.common.model_rows import build
-from strands_actors.drivers.common.simulation_control.protocol import TIMESTEP_S
+from strands_actors.drivers.common.physics.body import TIMESTEP_S
+from strands_actors.drivers.common.physics.lean_mujoco import mujoco
+from strands_actors.drivers.common.physics.model_rows import build
 
 GRAVITY_M_S2 = 9.81
 LONGEST_S = 0.25

@@ -9,7 +9,7 @@ from typing import Protocol
 
 import trio
 
-from strands_actors.drivers.common.malformed import MalformedFrame
+from strands_actors.drivers.common.codecs.malformed import MalformedFrame
 from strands_actors.drivers.common.twin import PtyLine
 from strands_actors.drivers.crazyflie import cpx
 from strands_actors.drivers.crazyflie.protocol import LONGEST

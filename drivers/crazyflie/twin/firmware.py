@@ -12,7 +12,7 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
-from strands_actors.drivers.common.malformed import MalformedFrame
+from strands_actors.drivers.common.codecs.malformed import MalformedFrame
 from strands_actors.drivers.crazyflie import protocol as p
 from strands_actors.drivers.crazyflie.config import LANDING_M_S
 from strands_actors.drivers.crazyflie.protocol import Battery, Bit, HighLevel, Order, Port, Setpoint

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-from strands_actors.drivers.common.simulation_control.body import Felt, Hand
+from strands_actors.drivers.common.physics.body import Felt, Hand
 from strands_actors.drivers.crazyflie.robots import AXES
 
 from .body import Wanted

@@ -5,8 +5,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from strands_actors.drivers.common.controlled_body import ControlledBody
-from strands_actors.drivers.common.simulation_control.protocol import TIMESTEP_S
+from strands_actors.drivers.common.physics.body import TIMESTEP_S
+from strands_actors.drivers.common.physics.controlled_body import ControlledBody
 
 from .controller import TICK_S, Controller
 

@@ -16,7 +16,7 @@ from collections.abc import Sequence
 
 import trio
 
-from strands_actors.drivers.common.malformed import MalformedFrame
+from strands_actors.drivers.common.codecs.malformed import MalformedFrame
 from strands_actors.drivers.common.twin import ClientGone, Connection, Fault, Faults, Reply, TcpServer, WireLog
 from strands_actors.drivers.franka import protocol as p
 from strands_actors.drivers.franka.arms import JOINTS, arm_of

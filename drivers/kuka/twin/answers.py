@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from strands_actors.drivers.common.malformed import MalformedFrame
+from strands_actors.drivers.common.codecs.malformed import MalformedFrame
 from strands_actors.drivers.kuka.protocol import decode_command
 
 from .controller import Controller

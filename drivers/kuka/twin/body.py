@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from strands_actors.drivers.common.controlled_body import ControlledBody
-from strands_actors.drivers.common.simulation_control.body import Hand
+from strands_actors.drivers.common.physics.body import Hand
+from strands_actors.drivers.common.physics.controlled_body import ControlledBody
 
 from .controller import Controller
 

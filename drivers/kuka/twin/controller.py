@@ -9,7 +9,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Sequence
 
-from strands_actors.drivers.common.physics import Plant
+from strands_actors.drivers.common.physics.physics import Plant
 from strands_actors.drivers.kuka.protocol import (
     COUNTER,
     JOINTS,
@@ -109,7 +109,7 @@ class Controller:
         self._judge(answered)
         if self._missed > LOST_AFTER and self.state > State.MONITORING_WAIT:
             self._leave(State.MONITORING_WAIT, "no answers")
-        elif self.is_commanded and (why := self._why_not_movable()):
+        elif self.is_commanded and (why := self._reason_not_movable()):
             self._leave(State.MONITORING_READY, why)
         else:
             self._step(answer if answered else None)
@@ -132,7 +132,7 @@ class Controller:
             if self._good >= after:
                 self.quality = Quality(max(self.quality, quality))
 
-    def _why_not_movable(self) -> str:
+    def _reason_not_movable(self) -> str:
         if self.safety:
             return "safety stop"
         if any(drive != Drive.ACTIVE for drive in self.drives):
@@ -143,7 +143,7 @@ class Controller:
         match self.state:
             case State.MONITORING_WAIT if self.quality >= Quality.GOOD:
                 self._enter(State.MONITORING_READY, "good")
-            case State.MONITORING_READY if self.quality is Quality.EXCELLENT and not self._why_not_movable():
+            case State.MONITORING_READY if self.quality is Quality.EXCELLENT and not self._reason_not_movable():
                 self.simulated = False
                 self.stand()
                 self._mirrored = 0

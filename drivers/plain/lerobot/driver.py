@@ -18,7 +18,7 @@ from strands_actors.contract.fallbacks import fallbacks_for
 from strands_actors.contract.loading import load
 from strands_actors.contract.safe_state import SafeState
 from strands_actors.contract.wire import StopChannel
-from strands_actors.drivers.common.refusals import MotorCode
+from strands_actors.drivers.common.kit.refusals import MotorCode
 from strands_actors.kernel.clock import Clock
 from strands_actors.kernel.messages import Refused
 

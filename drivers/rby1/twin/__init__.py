@@ -11,7 +11,7 @@ from typing import Any, Unpack
 
 import trio
 
-from strands_actors.drivers.common.controlled_body import LedBody
+from strands_actors.drivers.common.physics.controlled_body import LedBody
 from strands_actors.drivers.common.twin import (
     Fault,
     NetworkOptions,

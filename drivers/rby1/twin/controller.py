@@ -13,7 +13,7 @@ from typing import Any, Protocol
 
 import msgspec
 
-from strands_actors.drivers.common.physics import Plant
+from strands_actors.drivers.common.physics.physics import Plant
 from strands_actors.drivers.rby1.commands import PARTS, Command, Finish, JointPosition
 from strands_actors.drivers.rby1.protocol import (
     MOTOR_SUPPLY,

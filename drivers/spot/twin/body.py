@@ -10,8 +10,7 @@ from collections.abc import Mapping, Sequence
 from functools import cached_property
 from typing import Any
 
-from strands_actors.drivers.common.simulation_control.body import Felt, Hand
-from strands_actors.drivers.common.simulation_control.protocol import TIMESTEP_S
+from strands_actors.drivers.common.physics.body import TIMESTEP_S, Felt, Hand
 from strands_actors.drivers.spot.robots import KEYS
 
 from .mechanism import Mechanism
@@ -27,7 +26,7 @@ class SpotBody:
 
     @cached_property
     def spec(self) -> Any:
-        from strands_actors.drivers.common.model_rows import build  # MuJoCo, for its looks only
+        from strands_actors.drivers.common.physics.model_rows import build  # MuJoCo, for its looks only
 
         return build(self._table)
 

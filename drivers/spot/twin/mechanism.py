@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable, Mapping
 from typing import Any
 
-from strands_actors.drivers.common.simulation_control.body import Hand
+from strands_actors.drivers.common.physics.body import Hand
 from strands_actors.drivers.spot.protocol import Motors
 from strands_actors.drivers.spot.robots import ARM, CLAW
 

@@ -7,8 +7,8 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
-from strands_actors.drivers.common.malformed import MalformedFrame
-from strands_actors.drivers.common.simulation_control.body import Hand
+from strands_actors.drivers.common.codecs.malformed import MalformedFrame
+from strands_actors.drivers.common.physics.body import Hand
 from strands_actors.drivers.common.twin import Fault, Faults
 from strands_actors.drivers.common.twin.grpc import ServerCall
 from strands_actors.drivers.spot import protocol as p

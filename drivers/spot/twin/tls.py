@@ -9,7 +9,7 @@ from __future__ import annotations
 import ssl
 from importlib import resources
 
-from strands_actors.drivers.common.tls_port import TlsRecords
+from strands_actors.drivers.common.ports.tls_port import TlsRecords
 from strands_actors.drivers.common.twin import ClientGone, Connection
 
 

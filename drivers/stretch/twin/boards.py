@@ -8,9 +8,9 @@ from collections.abc import Callable, Iterator
 from functools import partial
 from typing import NamedTuple, Protocol
 
+from strands_actors.drivers.common.codecs.malformed import MalformedFrame
 from strands_actors.drivers.common.dynamixel import protocol as dxl
 from strands_actors.drivers.common.dynamixel.twin import DynamixelBus
-from strands_actors.drivers.common.malformed import MalformedFrame
 from strands_actors.drivers.common.twin import Exchange, Fault, Reply
 from strands_actors.drivers.stretch import frames as f
 from strands_actors.drivers.stretch import protocol as p

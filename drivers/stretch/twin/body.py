@@ -6,8 +6,7 @@ from collections.abc import Sequence
 from functools import cached_property
 from typing import Any
 
-from strands_actors.drivers.common.simulation_control.body import Felt, Hand
-from strands_actors.drivers.common.simulation_control.protocol import TIMESTEP_S
+from strands_actors.drivers.common.physics.body import TIMESTEP_S, Felt, Hand
 from strands_actors.drivers.stretch.config import ARM, LEFT, LIFT, RIGHT
 
 from .world import GRIPPER, World, body_table
@@ -31,7 +30,7 @@ class StretchBody:
 
     @cached_property
     def spec(self) -> Any:
-        from strands_actors.drivers.common.model_rows import build
+        from strands_actors.drivers.common.physics.model_rows import build
 
         table = body_table()
         rows = table["body_rows"] + table["wrist_rows"] + table["head_rows"]

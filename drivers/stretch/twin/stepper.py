@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from strands_actors.drivers.common.simulation_control.body import Hand
+from strands_actors.drivers.common.physics.body import Hand
 from strands_actors.drivers.stretch import protocol as p
 
 PROTOCOL = 5

@@ -13,8 +13,8 @@ from typing import Any
 from strands_actors.drivers.common.dynamixel import table as t
 from strands_actors.drivers.common.dynamixel.servo import Servo
 from strands_actors.drivers.common.dynamixel.twin import DynamixelBus
-from strands_actors.drivers.common.model_rows import build
-from strands_actors.drivers.common.physics import Plant
+from strands_actors.drivers.common.physics.model_rows import build
+from strands_actors.drivers.common.physics.physics import Plant
 from strands_actors.drivers.common.twin import Fault, Faults
 from strands_actors.drivers.common.twin.servo_bus import COUNTS, COUNTS_PER_RAD, ZERO_COUNT
 from strands_actors.drivers.stretch import protocol as p

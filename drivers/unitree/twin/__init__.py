@@ -25,7 +25,7 @@ from typing import Annotated, Any, Literal, Unpack
 
 from strands_actors.contract.options import option
 from strands_actors.contract.safe_state import SafeState
-from strands_actors.drivers.common.malformed import MalformedFrame
+from strands_actors.drivers.common.codecs.malformed import MalformedFrame
 from strands_actors.drivers.common.rtps import CDR, Participant, Writer
 from strands_actors.drivers.common.twin import Start, WireLog, read_twin_options, run_server
 from strands_actors.drivers.common.twin.dds import DdsOptions, DdsServer

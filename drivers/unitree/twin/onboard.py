@@ -11,8 +11,8 @@ import math
 from collections.abc import Callable, Sequence
 from typing import Any
 
-from strands_actors.drivers.common.legged_body import LeggedBody
-from strands_actors.drivers.common.malformed import MalformedFrame
+from strands_actors.drivers.common.codecs.malformed import MalformedFrame
+from strands_actors.drivers.common.physics.legged_body import LeggedBody
 from strands_actors.drivers.unitree import rpc
 from strands_actors.drivers.unitree.gates import HANDSHAKE_FSM
 from strands_actors.drivers.unitree.protocol import Command, State

@@ -8,9 +8,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from strands_actors.drivers.common.motor_targets import ROWS
-from strands_actors.drivers.common.simulation_control.body import Felt, Hand
-from strands_actors.drivers.common.simulation_control.scenery import Scenery
+from strands_actors.drivers.common.kit.motor_targets import ROWS
+from strands_actors.drivers.common.physics.body import Felt, Hand
+from strands_actors.drivers.common.physics.scenery import Scenery
 
 from .onboard import Onboard
 

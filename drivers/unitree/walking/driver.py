@@ -22,7 +22,7 @@ from strands_actors.contract.safe_state import SafeState
 from strands_actors.contract.sensors import Sensor, imu
 from strands_actors.contract.tool_verbs import ToolVerb
 from strands_actors.contract.wire import Observation
-from strands_actors.drivers.common.velocity_base import parse_twist
+from strands_actors.drivers.common.kit.velocity_base import parse_twist
 from strands_actors.drivers.unitree.config import UnitreeConfig
 from strands_actors.drivers.unitree.options import IMU, OF_JOINTS, LegsOptions
 from strands_actors.drivers.unitree.robots import model_of

@@ -13,8 +13,8 @@ from functools import partial
 import trio
 
 from strands_actors.contract.wire import WireDown
-from strands_actors.drivers.common.malformed import MalformedFrame
-from strands_actors.drivers.common.stamps import Stamps
+from strands_actors.drivers.common.codecs.malformed import MalformedFrame
+from strands_actors.drivers.common.kit.stamps import Stamps
 from strands_actors.drivers.unitree import rpc
 from strands_actors.drivers.unitree.config import UnitreeConfig
 from strands_actors.drivers.unitree.link import FIND_S, Network, Service
@@ -65,10 +65,10 @@ class WalkingLink(Network):
                 self.participant.reader(self.dialect.state_topic, STATE_TYPE, self._on_gait)
 
     @property
-    def tells_no_speed(self) -> bool:
+    def reports_no_speed(self) -> bool:
         """Return True if the robot had time to report its speed, and has never done so."""
         waited_ns = self.clock.now_ns() - self._followed_ns
-        return not self._odometry.tells_speed and bool(self._followed_ns) and waited_ns >= SPEED_NS
+        return not self._odometry.reports_speed and bool(self._followed_ns) and waited_ns >= SPEED_NS
 
     def send(self, order: Order) -> bool:
         """Send a request. Return True if it left for a service that has matched us."""

@@ -29,13 +29,13 @@ class Odometry:
         self._before: tuple[int, tuple[float, float, float]] | None = None
 
     @property
-    def tells_speed(self) -> bool:
+    def reports_speed(self) -> bool:
         return self._pose is not None
 
     @property
     def stamp_ns(self) -> int:
         """Return the time of the state that ``state`` returns; 0 if the mode is unknown."""
-        return min(self._mode_ns, self._pose_ns) if self.tells_speed else self._mode_ns
+        return min(self._mode_ns, self._pose_ns) if self.reports_speed else self._mode_ns
 
     def state(self) -> SportState | None:
         """Return the combined state; None if the mode is unknown."""

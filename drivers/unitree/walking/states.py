@@ -10,7 +10,7 @@ import math
 import struct
 from typing import NamedTuple
 
-from strands_actors.drivers.common.malformed import MalformedFrame
+from strands_actors.drivers.common.codecs.malformed import MalformedFrame
 from strands_actors.kernel.clock import NS
 
 STATE_TOPIC = "rt/sportmodestate"

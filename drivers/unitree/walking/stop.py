@@ -16,8 +16,8 @@ import trio
 from strands_actors.contract.safe_state import SafeState
 from strands_actors.contract.stop_channels import KeptSession
 from strands_actors.contract.wire import MotorReport, WireDown
-from strands_actors.drivers.common.outcome import Outcome
-from strands_actors.drivers.common.reporting_base import Report, stop_until_it_stands
+from strands_actors.drivers.common.kit.outcome import Outcome
+from strands_actors.drivers.common.kit.reporting_base import Report, stop_until_it_stands
 from strands_actors.drivers.unitree.config import UnitreeConfig
 from strands_actors.drivers.unitree.link import FIND_S
 
@@ -89,7 +89,7 @@ class Stopping:
             return gait.mode == dialect.damped
         if gait.mode not in dialect.walks:
             return gait.mode in dialect.rests
-        return stands(gait) if gait.has_pose else self._link.tells_no_speed
+        return stands(gait) if gait.has_pose else self._link.reports_no_speed
 
     def _shown(self, gait: SportState) -> str:
         mode = self._link.dialect.name(gait.mode)

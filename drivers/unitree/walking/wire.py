@@ -15,8 +15,8 @@ import trio
 
 from strands_actors.contract.safe_state import SafeState
 from strands_actors.contract.wire import MotorReport, Observation, Permit, WireDown
-from strands_actors.drivers.common.outcome import NOT_CONNECTED
-from strands_actors.drivers.common.session_wire import PromptSessionWire
+from strands_actors.drivers.common.kit.outcome import NOT_CONNECTED
+from strands_actors.drivers.common.kit.session_wire import PromptSessionWire
 from strands_actors.drivers.unitree import rpc
 from strands_actors.drivers.unitree.config import UnitreeConfig
 from strands_actors.drivers.unitree.link import FIND_S

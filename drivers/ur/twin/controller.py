@@ -10,7 +10,7 @@ from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from typing import Protocol
 
-from strands_actors.drivers.common.physics import Plant
+from strands_actors.drivers.common.physics.physics import Plant
 from strands_actors.drivers.common.twin import Fault
 from strands_actors.drivers.ur import protocol as p
 from strands_actors.drivers.ur.arms import JOINTS, Arm
@@ -159,7 +159,7 @@ class Controller:
         else:
             self._starting = self.now_s() + self.program_start_s, make
 
-    def run_beside(self, make: Callable[[], Program]) -> None:
+    def run_secondary(self, make: Callable[[], Program]) -> None:
         """Run a secondary program, at once and beside the running one. It can neither wait nor move."""
         if self.mode is p.RobotMode.RUNNING and self.remote:
             make().step()

@@ -6,7 +6,7 @@ import struct
 from collections import deque
 from collections.abc import Callable
 
-from strands_actors.drivers.common.malformed import MalformedFrame
+from strands_actors.drivers.common.codecs.malformed import MalformedFrame
 from strands_actors.drivers.common.twin import Connection, Fault, Faults, Reply
 from strands_actors.drivers.ur import protocol as p
 

@@ -26,7 +26,7 @@ def run_text(text: bytes, controller: Controller) -> None:
         controller.note(f"compile error: {error}")
         return
     if text.lstrip().startswith(b"sec "):
-        controller.run_beside(make)
+        controller.run_secondary(make)
     else:
         controller.start_program(make)
 

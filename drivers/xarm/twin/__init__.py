@@ -16,9 +16,9 @@ from typing import Annotated, Any, Unpack
 import trio
 
 from strands_actors.contract.options import option
-from strands_actors.drivers.common.controlled_body import LedBody
-from strands_actors.drivers.common.malformed import MalformedFrame
-from strands_actors.drivers.common.physics import Plant
+from strands_actors.drivers.common.codecs.malformed import MalformedFrame
+from strands_actors.drivers.common.physics.controlled_body import LedBody
+from strands_actors.drivers.common.physics.physics import Plant
 from strands_actors.drivers.common.twin import (
     ClientGone,
     Exchange,

@@ -12,8 +12,8 @@ import time
 from collections import deque
 from collections.abc import Callable, Sequence
 
-from strands_actors.drivers.common.malformed import MalformedFrame
-from strands_actors.drivers.common.physics import Plant
+from strands_actors.drivers.common.codecs.malformed import MalformedFrame
+from strands_actors.drivers.common.physics.physics import Plant
 from strands_actors.drivers.xarm import protocol as p
 from strands_actors.drivers.xarm import reports as r
 from strands_actors.drivers.xarm.arms import ArmType, arm_of, model_table

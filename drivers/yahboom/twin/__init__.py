@@ -8,8 +8,7 @@ from functools import cached_property
 from typing import Annotated, Any, Unpack
 
 from strands_actors.contract.options import option
-from strands_actors.drivers.common.simulation_control.body import Felt, Hand
-from strands_actors.drivers.common.simulation_control.protocol import TIMESTEP_S
+from strands_actors.drivers.common.physics.body import TIMESTEP_S, Felt, Hand
 from strands_actors.drivers.common.twin import (
     Fault,
     Faults,
@@ -80,7 +79,7 @@ class M3ProBody:
 
     @cached_property
     def spec(self) -> Any:
-        from strands_actors.drivers.common.model_rows import build  # MuJoCo, for its looks only
+        from strands_actors.drivers.common.physics.model_rows import build  # MuJoCo, for its looks only
 
         return build(TABLES.table(self._robot))
 

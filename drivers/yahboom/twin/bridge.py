@@ -10,8 +10,8 @@ from typing import Any
 import msgspec
 import trio
 
-from strands_actors.drivers.common.malformed import MalformedFrame
-from strands_actors.drivers.common.simulation_control.body import Hand
+from strands_actors.drivers.common.codecs.malformed import MalformedFrame
+from strands_actors.drivers.common.physics.body import Hand
 from strands_actors.drivers.common.twin import Fault, Faults, Reply
 from strands_actors.drivers.common.twin.websocket import WebSocketClient
 from strands_actors.drivers.yahboom import messages as m

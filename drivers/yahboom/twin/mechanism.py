@@ -6,7 +6,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 
-from strands_actors.drivers.common.simulation_control.body import Hand
+from strands_actors.drivers.common.physics.body import Hand
 from strands_actors.drivers.yahboom.messages import REST, ArmGoal, Odometry, Twist
 from strands_actors.drivers.yahboom.robots import M3Pro
 

@@ -35,7 +35,7 @@ from strands_actors.kernel.thread_asks import ThreadAsks
 
 from .permissions import Channel
 from .zenoh_exit import callback, calls, closed, open_session, opened
-from .zenoh_session import ANSWERED_S, Waker, config, known_by, unix_endpoint
+from .zenoh_session import ANSWERED_S, Waker, config, secured_by, unix_endpoint
 
 _WAKE_BATCH = 512
 _PUBLISHERS = 32
@@ -99,7 +99,7 @@ class ZenohMesh:
             listen: Endpoints to listen on.
             connect: Endpoints to connect to.
             settings: Further settings, by zenoh's own path.
-            secret: The secret of the tree (``known_by``).
+            secret: The secret of the tree (``secured_by``).
         """
         return cls(await _open(listen, connect, settings, secret))
 
@@ -339,7 +339,7 @@ async def _open(
 ) -> zenoh.Session:
     # A timestamp lets a receiver see the age of a message. It costs 0.2 us.
     stamped = {"timestamping/enabled": {"peer": True}}
-    with known_by(secret) as known:
+    with secured_by(secret) as known:
         configured = config(listen, connect, {**stamped, **known, **(settings or {})})
         return await trio.to_thread.run_sync(open_session, configured)
 

@@ -80,7 +80,7 @@ _ONE_RUNTIME = "(net: (handover: app), tx: (handover: app), rx: (handover: app),
 
 
 @contextlib.contextmanager
-def known_by(secret: str) -> Iterator[dict[str, str]]:
+def secured_by(secret: str) -> Iterator[dict[str, str]]:
     """Yield the settings of a session that accepts only peers which know the secret.
 
     The session must be opened within the block. It also joins only peers that ask for the secret. An empty

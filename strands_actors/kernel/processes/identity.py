@@ -50,7 +50,7 @@ def _write_arguments(words: bytes) -> None:
     ctypes.memmove(start, text + b"\0" * (room - len(text)), room)
 
 
-def be_taken_last() -> bool:
+def lower_oom_score() -> bool:
     """Ask the kernel to end other processes first when memory runs out. Return True if it will.
 
     Lowering the value takes CAP_SYS_RESOURCE, unless the process was started with a value as low.
@@ -62,14 +62,14 @@ def be_taken_last() -> bool:
     return True
 
 
-def may_be_taken_last() -> bool | None:
-    """Return True if processes that this one starts may call ``be_taken_last`` with success. None where the
+def can_lower_oom_score() -> bool | None:
+    """Return True if processes that this one starts may call ``lower_oom_score`` with success. None where the
     system has no such setting."""
     try:
         before = _ADJUSTMENT.read_text()
     except OSError:
         return None
-    may = be_taken_last()
+    may = lower_oom_score()
     if may:
         _ADJUSTMENT.write_text(before)
     return may

@@ -12,8 +12,8 @@ from mcp.server import Server
 from mcp.server.context import ServerRequestContext
 from mcp.server.stdio import stdio_server
 
-from strands_actors.caller.async_robot import AsyncRobot
-from strands_actors.caller.envelopes import Answer
+from strands_actors.caller.handle.async_robot import AsyncRobot
+from strands_actors.caller.handle.envelopes import Answer
 from strands_actors.version import __version__
 
 from .mcp_lines import STOP, Lines

@@ -13,7 +13,7 @@ from abc import abstractmethod
 from collections.abc import AsyncIterator, Mapping
 from typing import Any
 
-from strands_actors.caller.envelopes import Answer
+from strands_actors.caller.handle.envelopes import Answer
 from strands_actors.contract.driver import Driver
 
 from .calls import tool_spec

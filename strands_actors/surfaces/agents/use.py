@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from typing import Any
 
-from strands_actors.caller import envelopes as answers
-from strands_actors.caller import moving, verbs
-from strands_actors.caller.envelopes import Answer
-from strands_actors.caller.tree import RobotTree
+from strands_actors.caller.handle import envelopes as answers
+from strands_actors.caller.handle import moving, verbs
+from strands_actors.caller.handle.envelopes import Answer
+from strands_actors.caller.session.tree import RobotTree
 from strands_actors.contract.driver import Driver
 from strands_actors.kernel.messages import Refused
 from strands_actors.kernel.refusals import Code

@@ -12,7 +12,7 @@ import hashlib
 import os
 from pathlib import Path
 
-from strands_actors.caller.run_directory import is_held, run_dir
+from strands_actors.caller.processes.run_directory import is_held, run_dir
 
 SHARED = Path("/dev/shm")
 SUFFIX = ".pictures"

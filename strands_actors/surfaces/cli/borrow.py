@@ -9,10 +9,10 @@ from pathlib import Path
 
 import trio
 
-from strands_actors.caller import verbs
-from strands_actors.caller.envelopes import Answer
-from strands_actors.caller.processes import NotConnected
-from strands_actors.caller.tree import RobotTree
+from strands_actors.caller.handle import verbs
+from strands_actors.caller.handle.envelopes import Answer
+from strands_actors.caller.processes.robot_processes import NotConnected
+from strands_actors.caller.session.tree import RobotTree
 from strands_actors.kernel.node import AskTimeout, Unreachable
 from strands_actors.surfaces.mesh.reach import reach
 

@@ -13,7 +13,7 @@ from typing import Any
 
 import trio
 
-from strands_actors.caller.wanted import TOOL_NAMES, is_tool_name
+from strands_actors.caller.resolve.wanted import TOOL_NAMES, is_tool_name
 from strands_actors.contract.driver import Driver
 from strands_actors.contract.loading import load
 from strands_actors.contract.shown import closest, shown
@@ -31,8 +31,8 @@ from strands_actors.kernel.clock import MonotonicClock
 from .errors import Problem
 
 CALIBRATE = "strands_actors.drivers.common.servo.calibrating:calibrate"
-PREPARE = "strands_actors.drivers.common.calibration:prepare"
-SAVE = "strands_actors.drivers.common.calibration:save"
+PREPARE = "strands_actors.drivers.common.kit.calibration:prepare"
+SAVE = "strands_actors.drivers.common.kit.calibration:save"
 TURN_S = 0.05
 BY_ID = "/dev/serial/by-id/*"
 

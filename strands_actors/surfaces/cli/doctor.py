@@ -19,8 +19,8 @@ from dataclasses import asdict, dataclass
 from importlib import metadata
 from typing import Any
 
-from strands_actors.caller import process_one
-from strands_actors.caller.run_directory import MAX_SOCKET_PATH, notes, run_dir
+from strands_actors.caller.processes import process_one
+from strands_actors.caller.processes.run_directory import MAX_SOCKET_PATH, notes, run_dir
 from strands_actors.contract.extras import missing
 from strands_actors.kernel.processes.interpreter import PYTHON
 
@@ -145,9 +145,9 @@ def check_load() -> Iterator[Check]:
 
 def check_memory() -> Iterator[Check]:
     """Check whether the kernel ends other processes before a robot's when memory runs out."""
-    from strands_actors.kernel.processes.identity import LAST, may_be_taken_last
+    from strands_actors.kernel.processes.identity import LAST, can_lower_oom_score
 
-    may = may_be_taken_last()
+    may = can_lower_oom_score()
     if may is None:
         yield Check("memory", WEAK, "this system does not say whom it ends when memory runs out")
     elif may:

@@ -75,7 +75,7 @@ def _keywords(options: list[str]) -> dict[str, str]:
 
 
 def _consent(robot: str, port: str, keywords: dict[str, str]) -> None:
-    from strands_actors.caller.plan import plan
+    from strands_actors.caller.resolve.planning import plan
 
     try:
         planned = plan(robot, "real", port=port, **keywords)

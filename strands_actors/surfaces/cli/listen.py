@@ -72,13 +72,16 @@ async def _echo(what: str, mesh: Path | None, as_json: bool, count: int | None, 
                 await done.wait()
             silent_s = time.monotonic() - last_s
             if timeout_s is not None and silent_s >= timeout_s and not done.is_set():
-                raise Problem(f"nothing came of {what} for {timeout_s:g} s. {_who(client)}")
+                raise Problem(f"nothing came of {what} for {timeout_s:g} s. {_robots_on_mesh(client)}")
             if not (seen or is_announced) and silent_s >= SILENT_S:
                 is_announced = True
-                print(f"nobody publishes {what} so far; waiting, Ctrl-C ends it. {_who(client)}", file=sys.stderr)
+                print(
+                    f"nobody publishes {what} so far; waiting, Ctrl-C ends it. {_robots_on_mesh(client)}",
+                    file=sys.stderr,
+                )
 
 
-def _who(client: MeshClient) -> str:
+def _robots_on_mesh(client: MeshClient) -> str:
     return f"on the mesh are {', '.join(client.robots) or 'no robots'}"
 
 

@@ -7,9 +7,10 @@ import signal
 
 import trio
 
-from strands_actors.caller.async_robot import AsyncRobot, open_tree
-from strands_actors.caller.background import open_background
-from strands_actors.caller.plan import Plan, plan
+from strands_actors.caller.handle.async_robot import AsyncRobot, open_tree
+from strands_actors.caller.processes.background import open_background
+from strands_actors.caller.processes.plan import Plan
+from strands_actors.caller.resolve.planning import plan
 from strands_actors.contract.extras import require
 from strands_actors.surfaces.agents.approval import APPROVE_S, approval_of, ask_on_terminal
 

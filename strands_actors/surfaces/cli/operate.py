@@ -8,11 +8,11 @@ from typing import assert_never
 
 import trio
 
-from strands_actors.caller import strays
-from strands_actors.caller.directory import Directory
-from strands_actors.caller.run_directory import Note, locks_dir
-from strands_actors.caller.stop_lines import line_of
-from strands_actors.caller.strays import Stray
+from strands_actors.caller.handle.stop_lines import line_of
+from strands_actors.caller.processes import strays
+from strands_actors.caller.processes.directory import Directory
+from strands_actors.caller.processes.run_directory import Note, locks_dir
+from strands_actors.caller.processes.strays import Stray
 from strands_actors.contract.driver import Reason
 from strands_actors.supervisors.gate.messages import Resumed, StopReport
 from strands_actors.supervisors.root.locks import Locks, locked_robots
@@ -29,10 +29,10 @@ async def stop(joined: Directory, note: Note) -> tuple[bool, str]:
 async def estop(joined: Directory, note: Note) -> tuple[bool, str]:
     result = await joined.stop(note, Reason.ESTOP, by(), lock=True)
     confirmed, line = _described(result)
-    return confirmed, line + locked_until(note.robot, _why_not_locked(result, note))
+    return confirmed, line + locked_until(note.robot, _reason_not_locked(result, note))
 
 
-def _why_not_locked(result: StopResult, note: Note) -> str:
+def _reason_not_locked(result: StopResult, note: Note) -> str:
     match result:
         case Confirmed(StopReport(note=problem)) | Unconfirmed(StopReport(note=problem)):
             return problem

@@ -29,7 +29,7 @@ Json = Annotated[bool, typer.Option("--json", help="Print JSON instead.")]
 
 def _running() -> list[str]:
     """Return the running robots, for the shell's completion."""
-    from strands_actors.caller.run_directory import notes
+    from strands_actors.caller.processes.run_directory import notes
 
     return [note.robot for note in notes()]
 

@@ -17,9 +17,9 @@ from typing import Any
 import msgspec
 import trio
 
-from strands_actors.caller import directory
-from strands_actors.caller.run_directory import notes
-from strands_actors.caller.strays import strays
+from strands_actors.caller.processes import directory
+from strands_actors.caller.processes.run_directory import notes
+from strands_actors.caller.processes.strays import strays
 from strands_actors.kernel.messages import Refused
 from strands_actors.surfaces.mesh.client import STOP_S, MeshClient, open_mesh
 from strands_actors.surfaces.mesh.config import MeshConfig

@@ -8,8 +8,8 @@ from typing import Any
 
 import trio
 
-from strands_actors.caller import moving
-from strands_actors.caller.tree import RobotTree
+from strands_actors.caller.handle import moving
+from strands_actors.caller.session.tree import RobotTree
 from strands_actors.contract.shown import harmless
 from strands_actors.kernel.messages import Refused
 from strands_actors.surfaces.dataset.errors import DatasetError

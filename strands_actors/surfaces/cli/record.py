@@ -16,7 +16,7 @@ from strands_actors.surfaces.recording.errors import RecordingError
 from strands_actors.surfaces.recording.file import Info, RecordingFile, read
 from strands_actors.surfaces.recording.player import Difference, Outcome
 from strands_actors.surfaces.recording.player import replay as play
-from strands_actors.surfaces.recording.to_file import Summary, record_until_told
+from strands_actors.surfaces.recording.to_file import Summary, record_until_stopped
 from strands_actors.version import __version__
 
 from .errors import Problem
@@ -39,7 +39,7 @@ def record(robot: str, out: Path, seconds: float | None, as_json: bool) -> int:
             print(f"\r\x1b[K{line}", end="", file=sys.stderr, flush=True)
 
     try:
-        summary = trio.run(record_until_told, robot, out, seconds, started, progress)
+        summary = trio.run(record_until_stopped, robot, out, seconds, started, progress)
     except RecordingError as problem:
         raise Problem(f"record: {problem}") from problem
     finally:

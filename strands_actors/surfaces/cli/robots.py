@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from strands_actors.caller.simulated import EXPERIMENTAL
+from strands_actors.caller.resolve.simulated import EXPERIMENTAL
 from strands_actors.contract.driver import Driver
 from strands_actors.contract.loading import load
 from strands_actors.drivers import (

@@ -9,7 +9,7 @@ from typing import Any
 
 import trio
 
-from strands_actors.caller.tree import RobotTree
+from strands_actors.caller.session.tree import RobotTree
 from strands_actors.kernel.messages import Message, Refused
 from strands_actors.supervisors.gate.messages import Accepted
 

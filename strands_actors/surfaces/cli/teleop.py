@@ -12,9 +12,9 @@ import time
 from collections.abc import Iterator
 from typing import Any
 
-from strands_actors.caller.envelopes import warn_unless_safe
-from strands_actors.caller.factory import Robot
-from strands_actors.caller.real_robot import RealRobot
+from strands_actors.caller.handle.envelopes import warn_unless_safe
+from strands_actors.caller.handle.factory import Robot
+from strands_actors.caller.handle.real_robot import RealRobot
 from strands_actors.contract.loading import load
 from strands_actors.teleoperation.actor import CONNECTED, CONNECTING, KEY
 from strands_actors.teleoperation.keys import Keys

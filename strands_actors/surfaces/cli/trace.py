@@ -10,7 +10,7 @@ from collections import OrderedDict
 import msgspec
 import trio
 
-from strands_actors.caller.run_directory import Note, notes
+from strands_actors.caller.processes.run_directory import Note, notes
 from strands_actors.kernel.channels.pubsub import PubSub, Received
 from strands_actors.kernel.frames import ASK, DOWN, REPLY, TELL, WATCH, Frame, decode_frame
 from strands_actors.kernel.node import PREFIX

@@ -8,11 +8,12 @@ from typing import TYPE_CHECKING
 
 import trio
 
-from strands_actors.caller import directory, envelopes
-from strands_actors.caller.run_directory import Note
-from strands_actors.caller.strays import strays
+from strands_actors.caller.handle import envelopes
+from strands_actors.caller.processes import directory
+from strands_actors.caller.processes.run_directory import Note
+from strands_actors.caller.processes.strays import strays
 from strands_actors.supervisors.gate.failsafe import Mode
-from strands_actors.supervisors.root.messages import ProcessInfo, TreeReport
+from strands_actors.supervisors.root.messages import UNREACHABLE, ProcessInfo, TreeReport
 
 if TYPE_CHECKING:
     from rich.text import Text
@@ -37,7 +38,7 @@ STATE_STYLES = {
 def show_trees(as_json: bool) -> int:
     """Show all trees. Return 1 if a tree does not answer, because the state of its robot is then unknown."""
     reports = trio.run(_ask_all)
-    code = int(any(report.state == directory.UNREACHABLE for report in reports))
+    code = int(any(report.state == UNREACHABLE for report in reports))
     if as_json:
         print(json.dumps({"robots": [envelopes.tree(report) for report in reports]}))
         return code
@@ -62,7 +63,7 @@ async def _ask_all() -> list[TreeReport]:
             nursery.start_soon(ask, note)
     for stray in strays():  # trees that cannot be asked
         root = ProcessInfo("root", stray.root, 0)
-        reports.setdefault(stray.robot, TreeReport(stray.robot, directory.UNREACHABLE, 0, (root,), ()))
+        reports.setdefault(stray.robot, TreeReport(stray.robot, UNREACHABLE, 0, (root,), ()))
     return [reports[robot] for robot in sorted(reports)]
 
 

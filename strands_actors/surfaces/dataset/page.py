@@ -11,7 +11,7 @@ from typing import Any
 
 import msgspec
 
-from strands_actors.caller.stop_lines import stop_by_name
+from strands_actors.caller.handle.stop_lines import stop_by_name
 from strands_actors.kernel.clock import MonotonicClock
 from strands_actors.teleoperation.page.server import Page
 

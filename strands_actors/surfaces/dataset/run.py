@@ -10,7 +10,7 @@ from typing import Protocol
 import msgspec
 import trio
 
-from strands_actors.caller.background import open_background
+from strands_actors.caller.processes.background import open_background
 from strands_actors.supervisors import addresses
 from strands_actors.supervisors.instrument import Attached
 from strands_actors.supervisors.root.messages import EpisodeState

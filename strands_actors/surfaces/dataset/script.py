@@ -187,7 +187,7 @@ class DatasetRecording:
             self._process.stdin.write(f"{self._asked} {word}\n".encode())
             self._process.stdin.flush()
         except BrokenPipeError:
-            return self._raise_why()
+            return self._raise_reason()
         return self._wait_for(answer, ANSWER_S, SILENT_S)
 
     def _wait_for(self, what: str, within_s: float, silent_s: float) -> Event:
@@ -204,7 +204,7 @@ class DatasetRecording:
                 heard = self._heard
                 continue
             if event is None:
-                return self._raise_why()
+                return self._raise_reason()
             if event.asked != self._asked:
                 continue
             if event.what == what:
@@ -220,7 +220,7 @@ class DatasetRecording:
         self._ended = f"the recorder {why}, and was ended. {self._remedy()}"
         raise DatasetError(self._ended)
 
-    def _raise_why(self) -> NoReturn:
+    def _raise_reason(self) -> NoReturn:
         self._wait_for_its_end()
         self._ended = self._why()
         self._close()

@@ -20,7 +20,7 @@ import msgspec
 
 from strands_actors import kernel as runtime
 from strands_actors import supervisors
-from strands_actors.caller.run_directory import data_dir
+from strands_actors.caller.processes.run_directory import data_dir
 from strands_actors.contract.driver import Driver, Reason
 from strands_actors.kernel.clock import NS
 

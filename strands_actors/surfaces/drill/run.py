@@ -12,10 +12,11 @@ from typing import Any, NamedTuple
 
 import trio
 
-from strands_actors.caller.async_robot import open_tree
-from strands_actors.caller.plan import Plan, completed, plan
-from strands_actors.caller.processes import NotConnected
-from strands_actors.caller.tree import RobotTree
+from strands_actors.caller.handle.async_robot import open_tree
+from strands_actors.caller.processes.plan import Plan
+from strands_actors.caller.processes.robot_processes import NotConnected
+from strands_actors.caller.resolve.planning import completed, plan
+from strands_actors.caller.session.tree import RobotTree
 from strands_actors.contract.driver import Driver, Reason
 from strands_actors.contract.wire import WireDown
 from strands_actors.kernel.messages import Refused
@@ -114,17 +115,17 @@ async def _try(step: Callable[[], Awaitable[Figure]], driver: Driver) -> Figure:
 
 
 async def _must_rest(tree: RobotTree, tell: Callable[[str], Awaitable[None]]) -> None:
-    why = await _what_moves(tree)
+    why = await _moving_parts(tree)
     if why:
         await tell(f"{why}. Waiting until it rests.")
     with trio.move_on_after(REST_WITHIN_S):
         while why:
-            why = await _what_moves(tree)
+            why = await _moving_parts(tree)
     if why:
         raise Failed(f"{why}. bring the robot to rest first")
 
 
-async def _what_moves(tree: RobotTree) -> str:
+async def _moving_parts(tree: RobotTree) -> str:
     before = await tree.observe()
     await trio.sleep(REST_S)
     after = await tree.observe()

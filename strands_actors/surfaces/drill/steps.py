@@ -27,8 +27,8 @@ from typing import assert_never
 import trio
 from msgspec.structs import replace
 
-from strands_actors.caller.processes import NotConnected
-from strands_actors.caller.tree import RobotTree
+from strands_actors.caller.processes.robot_processes import NotConnected
+from strands_actors.caller.session.tree import RobotTree
 from strands_actors.contract.driver import Driver, Reason
 from strands_actors.kernel.clock import NS
 from strands_actors.kernel.messages import Refused

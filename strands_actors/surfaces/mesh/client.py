@@ -21,8 +21,8 @@ import msgspec
 import trio
 import zenoh
 
-from strands_actors.caller.background import open_background
-from strands_actors.caller.strays import strays
+from strands_actors.caller.processes.background import open_background
+from strands_actors.caller.processes.strays import strays
 from strands_actors.kernel.channels.pubsub import PubSub, Received
 from strands_actors.kernel.clock import NS
 from strands_actors.kernel.health import busy

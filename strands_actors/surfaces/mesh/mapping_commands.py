@@ -35,9 +35,9 @@ async def send(mesh: MeshClient, robot: str, command: Command) -> dict[str, Any]
     if isinstance(kind, Refused):
         return kind
     if kind is mesh_json.Stop:
-        return _told_of([await mesh.stop(robot, _by(given))], robot)
+        return _result_of([await mesh.stop(robot, _by(given))], robot)
     if kind is mesh_json.Estop:
-        return _told_of(await mesh.estop(_by(given), robot=robot), robot)
+        return _result_of(await mesh.estop(_by(given), robot=robot), robot)
     if kind is mesh_json.Resume:
         return await mesh.resume(robot, _by(given))
     if not issubclass(kind, mesh_json.Dated):
@@ -122,7 +122,7 @@ def _by(given: Mapping[str, Any]) -> Any:
     return given.get("by")
 
 
-def _told_of(outcomes: list[Outcome], robot: str) -> dict[str, Any] | Refused:
+def _result_of(outcomes: list[Outcome], robot: str) -> dict[str, Any] | Refused:
     """Return the result for a robot that is safe, and otherwise a refusal."""
     outcome = next((each for each in outcomes if each.robot == robot), None)
     if outcome is None:

@@ -9,11 +9,11 @@ from collections.abc import AsyncIterator
 
 import trio
 
-from strands_actors.caller.async_robot import open_tree
-from strands_actors.caller.nodes import open_node
-from strands_actors.caller.plan import plan
-from strands_actors.caller.run_directory import notes
-from strands_actors.caller.tree import RobotTree
+from strands_actors.caller.handle.async_robot import open_tree
+from strands_actors.caller.processes.nodes import open_node
+from strands_actors.caller.processes.run_directory import notes
+from strands_actors.caller.resolve.planning import plan
+from strands_actors.caller.session.tree import RobotTree
 from strands_actors.kernel.messages import Refused
 from strands_actors.kernel.node import AskTimeout, Unreachable
 from strands_actors.supervisors import addresses

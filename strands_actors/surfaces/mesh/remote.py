@@ -17,7 +17,7 @@ from typing import Any
 
 import trio
 
-from strands_actors.caller.background import open_background
+from strands_actors.caller.processes.background import open_background
 from strands_actors.kernel.clock import NS
 from strands_actors.kernel.messages import Refused
 from strands_actors.supervisors.mesh import schemas as mesh_json

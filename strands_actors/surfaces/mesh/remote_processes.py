@@ -17,8 +17,8 @@ from typing import ClassVar
 import trio
 import zenoh
 
-from strands_actors.caller.plan import Plan
-from strands_actors.caller.processes import NotConnected, Patience, Processes
+from strands_actors.caller.processes.plan import Plan
+from strands_actors.caller.processes.robot_processes import NotConnected, Patience, Processes
 from strands_actors.contract.driver import Driver, Reason
 from strands_actors.kernel.channels.zenoh_mesh import ZenohMesh
 from strands_actors.kernel.channels.zenoh_session import short

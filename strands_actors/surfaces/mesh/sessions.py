@@ -14,7 +14,7 @@ from collections.abc import Callable
 import trio
 import zenoh
 
-from strands_actors.caller.run_directory import notes
+from strands_actors.caller.processes.run_directory import notes
 from strands_actors.contract.shown import shown
 from strands_actors.kernel.actor import describe
 from strands_actors.kernel.channels.pubsub import PubSub, Received

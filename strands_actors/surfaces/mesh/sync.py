@@ -13,8 +13,8 @@ from typing import Any
 import msgspec
 import trio
 
-from strands_actors.caller.forked import command_line
-from strands_actors.caller.portal import forked_from, portal
+from strands_actors.caller.handle.forked import command_line
+from strands_actors.caller.session.portal import forked_from, portal
 from strands_actors.contract.shown import closest, shown
 from strands_actors.kernel.messages import Refused
 from strands_actors.supervisors.mesh.schemas import ESTOP_ANSWER_S, Execute

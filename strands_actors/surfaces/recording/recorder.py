@@ -18,8 +18,8 @@ from typing import Generic, Protocol, TypeVar
 import msgspec
 import trio
 
-from strands_actors.caller.nodes import open_node
-from strands_actors.caller.run_directory import notes
+from strands_actors.caller.processes.nodes import open_node
+from strands_actors.caller.processes.run_directory import notes
 from strands_actors.kernel.actor import Actor, Cell
 from strands_actors.kernel.frames import Down
 from strands_actors.kernel.health.processor import life_of

@@ -16,7 +16,7 @@ from strands_actors.kernel.processes.interpreter import PYTHON, environment
 
 from .errors import RecordingError
 from .given import path_of, started
-from .to_file import record_until_told
+from .to_file import record_until_stopped
 
 END_S = 15.0
 STARTED = "recording"
@@ -80,7 +80,7 @@ def main() -> int:
         print(STARTED, flush=True)
 
     try:
-        trio.run(record_until_told, name, Path(path), None, started, lambda seconds, file: None)
+        trio.run(record_until_stopped, name, Path(path), None, started, lambda seconds, file: None)
     except (RecordingError, OSError) as problem:
         print(" ".join(str(problem).split()), file=sys.stderr)
         return 1

@@ -10,7 +10,7 @@ from pathlib import Path
 import msgspec
 import trio
 
-from strands_actors.caller.background import open_background
+from strands_actors.caller.processes.background import open_background
 from strands_actors.supervisors.instrument import Attached
 
 from .code import driver_class_of, fingerprint
@@ -34,7 +34,7 @@ class Summary(msgspec.Struct):
     ended: str  # why the recording ended
 
 
-async def record_until_told(
+async def record_until_stopped(
     robot: str,
     path: Path,
     seconds: float | None,

@@ -24,7 +24,7 @@ from strands_actors.drivers.booster.protocol import (
     State,
 )
 from strands_actors.drivers.booster.rpc import Api, Mode, Request, Response
-from strands_actors.drivers.common.malformed import MalformedFrame
+from strands_actors.drivers.common.codecs.malformed import MalformedFrame
 from tests.drivers.disturbed import DISTURBED
 
 MOTORS = 23

@@ -16,7 +16,7 @@ import pytest
 from strands import Agent
 
 from strands_actors import Robot, estop
-from strands_actors.caller.robot import RealRobot
+from strands_actors.caller.handle.robot import RealRobot
 from strands_actors.drivers.booster import protocol as p
 from strands_actors.drivers.booster import rpc
 from strands_actors.drivers.booster.protocol import IDLE, Command, Fall

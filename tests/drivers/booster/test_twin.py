@@ -13,7 +13,7 @@ from strands_actors.drivers.booster.robots import TABLES, model_of
 from strands_actors.drivers.booster.rpc import Api, Mode, Request
 from strands_actors.drivers.booster.twin.onboard import Onboard
 from strands_actors.drivers.booster.twin.simulated import BoosterBody
-from strands_actors.drivers.common.simulation_control.body import Hand
+from strands_actors.drivers.common.physics.body import Hand
 
 STEP_S = 0.002
 ELBOW = 4

@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from strands_actors.drivers.common import calibration
+from strands_actors.drivers.common.kit import calibration
 from strands_actors.drivers.feetech.driver import Feetech
 
 MOTORS = {

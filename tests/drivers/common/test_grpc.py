@@ -11,8 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from strands_actors.contract.wire import WireDown
-from strands_actors.drivers.common.grpc import CallFailed, Connection, open_grpc
-from strands_actors.drivers.common.grpc_messages import (
+from strands_actors.drivers.common.codecs.grpc_messages import (
     MAX_MESSAGE,
     WINDOW,
     Called,
@@ -27,7 +26,8 @@ from strands_actors.drivers.common.grpc_messages import (
     Status,
     framed,
 )
-from strands_actors.drivers.common.malformed import MalformedFrame
+from strands_actors.drivers.common.codecs.malformed import MalformedFrame
+from strands_actors.drivers.common.ports.grpc import CallFailed, Connection, open_grpc
 from tests.drivers.common.memory_port import virtual
 from tests.drivers.disturbed import DISTURBED
 

@@ -9,7 +9,14 @@ import trio
 from trio.testing import MockClock
 
 from strands_actors.contract.wire import WireDown
-from strands_actors.drivers.common.half_duplex import BACKOFF_S, MARGIN_S, QUIET_S, HalfDuplexBus, Health, Quiet
+from strands_actors.drivers.common.ports.half_duplex import (
+    BACKOFF_S,
+    MARGIN_S,
+    QUIET_S,
+    HalfDuplexBus,
+    Health,
+    Quiet,
+)
 from strands_actors.drivers.feetech import protocol
 from strands_actors.kernel.clock import NS, VirtualClock
 

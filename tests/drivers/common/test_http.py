@@ -13,11 +13,11 @@ import pytest
 import trio
 
 from strands_actors.contract.wire import PermitDenied, WireDown
-from strands_actors.drivers.common import http_messages as http
-from strands_actors.drivers.common.http_messages import ClientEnd, ServerEnd, encode_response
-from strands_actors.drivers.common.http_port import HttpPort
-from strands_actors.drivers.common.malformed import MalformedFrame
-from strands_actors.drivers.common.tcp_port import READ_SIZE
+from strands_actors.drivers.common.codecs import http_messages as http
+from strands_actors.drivers.common.codecs.http_messages import ClientEnd, ServerEnd, encode_response
+from strands_actors.drivers.common.codecs.malformed import MalformedFrame
+from strands_actors.drivers.common.ports.http_port import HttpPort
+from strands_actors.drivers.common.ports.tcp_port import READ_SIZE
 from strands_actors.testing import run_virtual
 from tests.drivers.disturbed import DISTURBED
 

@@ -11,9 +11,9 @@ import trio
 import trio.testing
 
 from strands_actors.contract.wire import WireDown
-from strands_actors.drivers.common.json_rpc import Call
-from strands_actors.drivers.common.json_rpc_port import JsonRpcPort, SaidNo
-from strands_actors.drivers.common.tcp_port import OrderlyStream
+from strands_actors.drivers.common.codecs.json_rpc import Call
+from strands_actors.drivers.common.ports.json_rpc_port import JsonRpcPort, SaidNo
+from strands_actors.drivers.common.ports.tcp_port import OrderlyStream
 
 
 class Peer:

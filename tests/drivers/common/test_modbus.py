@@ -19,8 +19,8 @@ from pymodbus.pdu.register_message import (
 )
 
 from strands_actors.contract.wire import WireDown
-from strands_actors.drivers.common.malformed import MalformedFrame
-from strands_actors.drivers.common.modbus import SILENT_S, Decoder, ModbusClient, encode, exception_words
+from strands_actors.drivers.common.codecs.malformed import MalformedFrame
+from strands_actors.drivers.common.ports.modbus import SILENT_S, Decoder, ModbusClient, encode, exception_words
 from strands_actors.kernel.clock import VirtualClock
 
 from .memory_port import MemoryPort, virtual

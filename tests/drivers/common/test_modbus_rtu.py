@@ -13,7 +13,7 @@ from pymodbus.pdu.register_message import (
     WriteSingleRegisterRequest,
 )
 
-from strands_actors.drivers.common.modbus_rtu import RtuDecoder, encode, request_of
+from strands_actors.drivers.common.ports.modbus_rtu import RtuDecoder, encode, request_of
 
 READ = "09 04 07 d0 00 03 b1 ce"
 ACTIVATE = "09 10 03 e8 00 03 06 01 00 00 00 00 00 72 e1"

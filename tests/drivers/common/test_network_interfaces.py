@@ -6,7 +6,7 @@ import socket
 
 import pytest
 
-from strands_actors.drivers.common.network_interfaces import address_of
+from strands_actors.drivers.common.ports.network_interfaces import address_of
 
 LOOPBACK = next(name for _, name in socket.if_nameindex() if name.startswith("lo"))
 

@@ -9,10 +9,10 @@ import pytest
 import trio
 
 from strands_actors.contract.wire import WireDown
-from strands_actors.drivers.common.grpc import FRAMES, Connection
-from strands_actors.drivers.common.grpc_messages import ClientEnd, MessageDecoder
-from strands_actors.drivers.common.receive_budget import BUSY_TURNS, PIECES, SIZE, ReceiveBudget
-from strands_actors.drivers.common.udp_port import open_udp
+from strands_actors.drivers.common.codecs.grpc_messages import ClientEnd, MessageDecoder
+from strands_actors.drivers.common.ports.grpc import FRAMES, Connection
+from strands_actors.drivers.common.ports.receive_budget import BUSY_TURNS, PIECES, SIZE, ReceiveBudget
+from strands_actors.drivers.common.ports.udp_port import open_udp
 from tests.drivers.common.memory_port import virtual
 
 PING = b"\0\0\x08\x06\0\0\0\0\0" + b"12345678"

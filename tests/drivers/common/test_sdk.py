@@ -9,8 +9,8 @@ import pytest
 import trio
 
 from strands_actors.contract.wire import ProcessSpent
-from strands_actors.drivers.common import sdk
-from strands_actors.drivers.common.sdk import SdkCalls, kept
+from strands_actors.drivers.common.kit import sdk
+from strands_actors.drivers.common.kit.sdk import SdkCalls, kept
 
 
 @pytest.fixture(autouse=True)

@@ -7,7 +7,7 @@ import trio
 import trio.testing
 
 from strands_actors.contract.wire import WireDown
-from strands_actors.drivers.common.shared_stream import SharedStream
+from strands_actors.drivers.common.ports.shared_stream import SharedStream
 
 
 class Line:

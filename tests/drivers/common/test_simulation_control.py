@@ -18,11 +18,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from strands_actors.contract.wire import WireDown
-from strands_actors.drivers.common.lean_mujoco import mujoco
-from strands_actors.drivers.common.malformed import MalformedFrame
+from strands_actors.drivers.common.codecs.malformed import MalformedFrame
+from strands_actors.drivers.common.physics.body import Body, Hand
+from strands_actors.drivers.common.physics.lean_mujoco import mujoco
 from strands_actors.drivers.common.simulation_control import protocol as p
 from strands_actors.drivers.common.simulation_control import renderer as renderer
-from strands_actors.drivers.common.simulation_control.body import Body, Hand
 from strands_actors.drivers.common.simulation_control.client import Refusal, SimulationClient
 from strands_actors.drivers.common.simulation_control.server import SimulationControl
 from strands_actors.drivers.common.twin import WireLog

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from strands_actors.drivers.common.stamps import Stamps
+from strands_actors.drivers.common.kit.stamps import Stamps
 
 WRAP = 1 << 24
 

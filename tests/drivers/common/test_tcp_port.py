@@ -13,9 +13,9 @@ import pytest
 import trio
 
 from strands_actors.contract.wire import WireDown
-from strands_actors.drivers.common import tcp_port
-from strands_actors.drivers.common.addresses import parse_address
-from strands_actors.drivers.common.tcp_port import TcpPort, open_tcp
+from strands_actors.drivers.common.ports import tcp_port
+from strands_actors.drivers.common.ports.addresses import parse_address
+from strands_actors.drivers.common.ports.tcp_port import TcpPort, open_tcp
 
 
 @pytest.mark.parametrize("port", ["", ":502", "host:", "host:0", "host:70000", "[::1]:x", "/dev/ttyUSB0:x"])

@@ -13,7 +13,7 @@ import pytest
 import trio
 
 from strands_actors.contract.wire import WireDown
-from strands_actors.drivers.common.tls_port import TlsPort, TlsRecords, open_tls
+from strands_actors.drivers.common.ports.tls_port import TlsPort, TlsRecords, open_tls
 from strands_actors.drivers.common.twin import Connection, WireLog
 from strands_actors.drivers.common.twin.server import Frost
 from strands_actors.drivers.spot.twin.tls import TlsConnection, certificate, server_context

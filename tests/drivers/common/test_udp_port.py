@@ -8,7 +8,7 @@ import pytest
 import trio
 
 from strands_actors.contract.wire import WireDown
-from strands_actors.drivers.common.udp_port import listen_udp, open_udp
+from strands_actors.drivers.common.ports.udp_port import listen_udp, open_udp
 
 
 def robot() -> socket.socket:

@@ -14,10 +14,10 @@ import trio
 import trio.testing
 
 from strands_actors.contract.wire import WireDown
-from strands_actors.drivers.common.http_messages import Request, ServerEnd, encode_response
-from strands_actors.drivers.common.http_port import HttpPort
-from strands_actors.drivers.common.malformed import MalformedFrame
-from strands_actors.drivers.common.velocity_base import Outcome, Standing, stop_base
+from strands_actors.drivers.common.codecs.http_messages import Request, ServerEnd, encode_response
+from strands_actors.drivers.common.codecs.malformed import MalformedFrame
+from strands_actors.drivers.common.kit.velocity_base import Outcome, Standing, stop_base
+from strands_actors.drivers.common.ports.http_port import HttpPort
 from strands_actors.testing import run_virtual
 
 ANSWER_S = 0.002

@@ -20,9 +20,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from strands_actors.contract.wire import WireDown
-from strands_actors.drivers.common.http_messages import Request
-from strands_actors.drivers.common.http_port import HttpPort
-from strands_actors.drivers.common.malformed import MalformedFrame
+from strands_actors.drivers.common.codecs.http_messages import Request
+from strands_actors.drivers.common.codecs.malformed import MalformedFrame
+from strands_actors.drivers.common.codecs.websocket_messages import Accepted, ClientEnd, Closed, Opened, ServerEnd
+from strands_actors.drivers.common.ports.http_port import HttpPort
+from strands_actors.drivers.common.ports.websocket import WebSocket, open_websocket
 from strands_actors.drivers.common.twin import Fault, Faults, TcpServer, WireLog
 from strands_actors.drivers.common.twin.http import Answer, HttpSession
 from strands_actors.drivers.common.twin.websocket import (
@@ -31,8 +33,6 @@ from strands_actors.drivers.common.twin.websocket import (
     serving_both,
     serving_websocket,
 )
-from strands_actors.drivers.common.websocket import WebSocket, open_websocket
-from strands_actors.drivers.common.websocket_messages import Accepted, ClientEnd, Closed, Opened, ServerEnd
 
 Served = Callable[[], Awaitable[WebSocket]]
 

@@ -11,11 +11,11 @@ import trio
 from wsproto.frame_protocol import FrameProtocol, Opcode
 
 from strands_actors.contract.wire import WireDown
-from strands_actors.drivers.common import websocket_messages as messages
-from strands_actors.drivers.common.malformed import MalformedFrame
-from strands_actors.drivers.common.tcp_port import READ_SIZE
-from strands_actors.drivers.common.websocket import WebSocket, begin_websocket, open_websocket
-from strands_actors.drivers.common.websocket_messages import ClientEnd, Heard, Opened, ServerEnd
+from strands_actors.drivers.common.codecs import websocket_messages as messages
+from strands_actors.drivers.common.codecs.malformed import MalformedFrame
+from strands_actors.drivers.common.codecs.websocket_messages import ClientEnd, Heard, Opened, ServerEnd
+from strands_actors.drivers.common.ports.tcp_port import READ_SIZE
+from strands_actors.drivers.common.ports.websocket import WebSocket, begin_websocket, open_websocket
 from strands_actors.testing import run_virtual
 
 STOP = ('{"stop":1}', '{"stop":2}')

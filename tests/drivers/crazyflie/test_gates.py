@@ -10,7 +10,7 @@ from strands_actors.contract.driver import Candidate, GateState, Reason
 from strands_actors.contract.wire import Observation
 from strands_actors.drivers.crazyflie.config import LANDING_M_S
 from strands_actors.drivers.crazyflie.driver import SERVICE_RANGES, Crazyflie
-from strands_actors.drivers.crazyflie.gates import why_no_takeoff
+from strands_actors.drivers.crazyflie.gates import takeoff_refusal
 from strands_actors.drivers.crazyflie.protocol import Battery, Bit
 from strands_actors.drivers.crazyflie.stopping import STOP_S
 from strands_actors.drivers.crazyflie.wire import ARM_S, LANDED_S, RISE_S
@@ -125,20 +125,20 @@ def test_saf_012_an_old_reading_refuses() -> None:
 
 def test_a_low_battery_on_the_floor_is_takeoffs_business() -> None:
     assert refused({"vx": 0.1}, seen(STANDING, volts=3.0)).code == "not_flying"
-    no = why_no_takeoff(STANDING, sensors(STANDING, volts=3.0), 3.2)
+    no = takeoff_refusal(STANDING, sensors(STANDING, volts=3.0), 3.2)
     assert no is not None and no.code == "battery" and "3.00 V" in no.text
 
 
 def test_a_battery_that_is_low_for_the_firmware_alone_is_refused_in_its_words() -> None:
-    no = why_no_takeoff(STANDING, seen(volts=3.6, battery_state=float(Battery.LOW_POWER)).sensors, 3.2)
+    no = takeoff_refusal(STANDING, seen(volts=3.6, battery_state=float(Battery.LOW_POWER)).sensors, 3.2)
     assert no is not None and "its firmware reports a low battery, at 3.60 V. charge it" in no.text
     assert "3.2" not in no.text
 
 
 def test_saf_012_a_battery_that_was_heard_long_ago_is_none() -> None:
-    no = why_no_takeoff(STANDING, sensors(STANDING, position_age_s=2.1), 3.2)
+    no = takeoff_refusal(STANDING, sensors(STANDING, position_age_s=2.1), 3.2)
     assert no is not None and (no.code, no.limit) == ("battery", "2 s") and "not heard for 2.1 s" in no.text
-    assert why_no_takeoff(STANDING, sensors(STANDING, position_age_s=1.9), 3.2) is None
+    assert takeoff_refusal(STANDING, sensors(STANDING, position_age_s=1.9), 3.2) is None
 
 
 @pytest.mark.parametrize(
@@ -152,12 +152,12 @@ def test_saf_012_a_battery_that_was_heard_long_ago_is_none() -> None:
     ],
 )
 def test_takeoff_is_refused(bits: Bit | None, code: str) -> None:
-    no = why_no_takeoff(bits, sensors(bits or Bit(0)), 3.2)
+    no = takeoff_refusal(bits, sensors(bits or Bit(0)), 3.2)
     assert no is not None and no.code == code
     tilted = {**sensors(STANDING), "rpy_rad": (0.3, 0.0, 0.0)}
-    no = why_no_takeoff(STANDING, tilted, 3.2)
+    no = takeoff_refusal(STANDING, tilted, 3.2)
     assert no is not None and no.code == "tilted"
-    assert why_no_takeoff(STANDING, sensors(STANDING), 3.2) is None
+    assert takeoff_refusal(STANDING, sensors(STANDING), 3.2) is None
 
 
 @pytest.mark.parametrize(

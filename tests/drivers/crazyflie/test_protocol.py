@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from strands_actors.drivers.common.malformed import MalformedFrame
+from strands_actors.drivers.common.codecs.malformed import MalformedFrame
 from strands_actors.drivers.crazyflie import cpx
 from strands_actors.drivers.crazyflie import protocol as p
 from strands_actors.drivers.crazyflie.config import Endpoint, parse_port

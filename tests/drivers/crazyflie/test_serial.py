@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 import trio
 
-from strands_actors.drivers.common.serial_port import open_serial
+from strands_actors.drivers.common.ports.serial_port import open_serial
 from strands_actors.drivers.crazyflie import cpx
 from strands_actors.drivers.crazyflie.driver import Crazyflie
 from strands_actors.drivers.crazyflie.links import BAUD, READY_S, SerialLink, open_line

@@ -15,7 +15,7 @@ from strands_actors.contract.wire import WireDown
 from strands_actors.drivers.common.dynamixel import protocol, table, watchdog
 from strands_actors.drivers.common.dynamixel.gates import FAULT_CODES
 from strands_actors.drivers.common.dynamixel.watchdog import UNARMED
-from strands_actors.drivers.common.half_duplex import QUIET_S
+from strands_actors.drivers.common.ports.half_duplex import QUIET_S
 from strands_actors.drivers.common.twin import Fault
 from strands_actors.drivers.dynamixel.driver import Dynamixel
 from strands_actors.kernel.clock import MonotonicClock

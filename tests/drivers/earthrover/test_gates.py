@@ -10,7 +10,7 @@ import pytest
 
 from strands_actors.contract.driver import Candidate, GateState, Live
 from strands_actors.contract.wire import Observation
-from strands_actors.drivers.common.velocity_base import LIFETIME_S
+from strands_actors.drivers.common.kit.velocity_base import LIFETIME_S
 from strands_actors.drivers.earthrover.driver import EarthRover
 from strands_actors.kernel.messages import Refused
 

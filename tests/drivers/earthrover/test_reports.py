@@ -13,10 +13,10 @@ import pytest
 import trio
 
 from strands_actors.contract.wire import PermitDenied, WireDown
-from strands_actors.drivers.common.http_messages import Request, Response
-from strands_actors.drivers.common.http_port import HttpPort
+from strands_actors.drivers.common.codecs.http_messages import Request, Response
+from strands_actors.drivers.common.kit.velocity_base import stop_base
+from strands_actors.drivers.common.ports.http_port import HttpPort
 from strands_actors.drivers.common.twin import Fault
-from strands_actors.drivers.common.velocity_base import stop_base
 from strands_actors.drivers.earthrover import protocol as p
 from strands_actors.drivers.earthrover.config import REPORT_OLD_S, EarthRoverConfig
 from strands_actors.drivers.earthrover.driver import EarthRover

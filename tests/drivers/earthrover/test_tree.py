@@ -16,7 +16,7 @@ from typing import Any
 
 import pytest
 
-from strands_actors.caller.robot import RealRobot
+from strands_actors.caller.handle.robot import RealRobot
 from strands_actors.drivers.earthrover.config import REPORT_OLD_S
 from strands_actors.testing import Twin
 from strands_actors.testing.wirelog import Entry

@@ -12,7 +12,7 @@ import requests  # type: ignore[import-untyped]
 import trio
 
 from strands_actors.contract.wire import WireDown
-from strands_actors.drivers.common.http_messages import Request
+from strands_actors.drivers.common.codecs.http_messages import Request
 from strands_actors.drivers.common.twin import Fault
 from strands_actors.drivers.earthrover import cameras
 from strands_actors.drivers.earthrover import protocol as p

@@ -12,7 +12,7 @@ import pytest
 import trio
 
 from strands_actors.contract.wire import WireDown
-from strands_actors.drivers.common.serial_port import adopt_serial, open_serial
+from strands_actors.drivers.common.ports.serial_port import adopt_serial, open_serial
 from strands_actors.drivers.feetech import protocol
 from strands_actors.drivers.feetech.driver import Feetech
 from strands_actors.drivers.feetech.wire import FeetechWire

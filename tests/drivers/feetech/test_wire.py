@@ -10,7 +10,7 @@ import pytest
 import trio
 
 from strands_actors.contract.wire import Observation, PermitDenied, WireDown
-from strands_actors.drivers.common.half_duplex import QUIET_S
+from strands_actors.drivers.common.ports.half_duplex import QUIET_S
 from strands_actors.drivers.common.twin import Fault
 from strands_actors.drivers.feetech import protocol
 from strands_actors.drivers.feetech.driver import Feetech

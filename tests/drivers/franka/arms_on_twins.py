@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from pathlib import Path
 
-from strands_actors.caller.robot import RealRobot
+from strands_actors.caller.handle.robot import RealRobot
 from tests.answers import pids, until
 
 NEAR_RAD = 2e-3

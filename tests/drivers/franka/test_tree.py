@@ -16,7 +16,7 @@ from pathlib import Path
 import pytest
 
 from strands_actors import Robot
-from strands_actors.caller.robot import RealRobot
+from strands_actors.caller.handle.robot import RealRobot
 from strands_actors.drivers.franka.arms import arm_of
 from strands_actors.testing import Twin
 from tests.answers import json_of, pids, resumed, state, status, until, why

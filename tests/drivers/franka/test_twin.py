@@ -10,7 +10,7 @@ from xml.etree import ElementTree
 
 import pytest
 
-from strands_actors.drivers.common.simulation_control.body import Hand
+from strands_actors.drivers.common.physics.body import Hand
 from strands_actors.drivers.franka import protocol as p
 from strands_actors.drivers.franka.arms import HOME_RAD, arm_of, arms
 from strands_actors.drivers.franka.generator import Trajectory, limits_of

@@ -14,8 +14,8 @@ from pathlib import Path
 import pytest
 
 from strands_actors import Robot
-from strands_actors.caller.plan import plan
-from strands_actors.caller.robot import RealRobot, SimRobot
+from strands_actors.caller.handle.robot import RealRobot, SimRobot
+from strands_actors.caller.resolve.planning import plan
 from strands_actors.contract.driver import Reason
 from strands_actors.drivers import canonical_name, list_driver_coverage, port_kind
 from strands_actors.drivers.kinova.driver import Kinova

@@ -10,7 +10,7 @@ import pytest
 import trio
 
 from strands_actors.contract.wire import WireDown
-from strands_actors.drivers.common.tcp_port import open_tcp
+from strands_actors.drivers.common.ports.tcp_port import open_tcp
 from strands_actors.drivers.kinova.driver import Kinova
 from strands_actors.drivers.kinova.protocol import Call, Decoder, Frame, Kind
 from strands_actors.drivers.kinova.stop_channel import KinovaStopChannel

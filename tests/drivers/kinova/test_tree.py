@@ -13,8 +13,8 @@ from pathlib import Path
 import pytest
 
 from strands_actors import Robot
-from strands_actors.caller.portal import portal
-from strands_actors.caller.robot import RealRobot
+from strands_actors.caller.handle.robot import RealRobot
+from strands_actors.caller.session.portal import portal
 from strands_actors.contract.driver import Reason
 from strands_actors.drivers.kinova.protocol import Call, Decoder, Feedback
 from strands_actors.testing import WireLog

@@ -12,7 +12,7 @@ import trio
 from msgspec.structs import replace
 
 from strands_actors.contract.wire import MotorReport
-from strands_actors.drivers.common.udp_port import UdpListener
+from strands_actors.drivers.common.ports.udp_port import UdpListener
 from strands_actors.drivers.kuka.link import ALONE_STAND_S, Link, answer_instead, first_message
 from strands_actors.drivers.kuka.protocol import (
     COUNTER,

@@ -10,8 +10,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from strands_actors.drivers.common import protobuf as pb
-from strands_actors.drivers.common.malformed import MalformedFrame
+from strands_actors.drivers.common.codecs import protobuf as pb
+from strands_actors.drivers.common.codecs.malformed import MalformedFrame
 from strands_actors.drivers.kuka import protocol as p
 from tests.drivers.disturbed import DISTURBED
 

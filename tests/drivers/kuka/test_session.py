@@ -239,6 +239,6 @@ def test_saf_022_a_number_that_was_not_sent_by_then_is_no_acknowledgement() -> N
     forged = replace(controller.said, reflected=hold)
     session.hear(forged)
     session.answer(forged)
-    assert not session.has_taken(forged, hold)
+    assert not session.has_received_answer(forged, hold)
     session.hear(replace(forged, sequence=forged.sequence + 1))
-    assert session.has_taken(forged, hold)
+    assert session.has_received_answer(forged, hold)

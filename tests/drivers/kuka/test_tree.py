@@ -17,7 +17,7 @@ import pytest
 from strands import Agent
 
 from strands_actors import Robot
-from strands_actors.caller.robot import RealRobot
+from strands_actors.caller.handle.robot import RealRobot
 from strands_actors.drivers.kuka.protocol import JOINTS, decode_command
 from strands_actors.surfaces.recording import read, replay
 from strands_actors.testing import WireLog

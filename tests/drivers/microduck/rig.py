@@ -6,7 +6,7 @@ import json
 import time
 from typing import Any
 
-from strands_actors.caller.robot import RealRobot
+from strands_actors.caller.handle.robot import RealRobot
 from strands_actors.testing import Twin
 from strands_actors.testing.wirelog import Entry
 from tests.answers import json_of, until

@@ -12,8 +12,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from strands_actors.drivers.common import json_rpc as rpc
-from strands_actors.drivers.common.malformed import MalformedFrame
+from strands_actors.drivers.common.codecs import json_rpc as rpc
+from strands_actors.drivers.common.codecs.malformed import MalformedFrame
 from strands_actors.drivers.microduck import protocol as p
 from strands_actors.drivers.microduck.twin import DuckTwin
 from tests.drivers.disturbed import DISTURBED

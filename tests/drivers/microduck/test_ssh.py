@@ -20,7 +20,7 @@ import trio
 
 from strands_actors import Robot
 from strands_actors.contract.wire import WireDown
-from strands_actors.drivers.common.ssh_forward import SshForward, command
+from strands_actors.drivers.common.ports.ssh_forward import SshForward, command
 from strands_actors.testing import Twin
 from tests.answers import json_of, pids, state, until
 from tests.trees import connected, first_safe

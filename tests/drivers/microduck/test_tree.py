@@ -18,7 +18,7 @@ from typing import Any
 import pytest
 
 from strands_actors import Robot
-from strands_actors.caller.robot import RealRobot
+from strands_actors.caller.handle.robot import RealRobot
 from strands_actors.drivers.microduck import protocol as p
 from strands_actors.testing import Twin
 from tests.answers import json_of, pids, state, status, until, why

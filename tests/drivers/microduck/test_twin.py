@@ -18,8 +18,8 @@ from typing import Any
 
 import pytest
 
-from strands_actors.drivers.common.json_rpc import Call
-from strands_actors.drivers.common.simulation_control.body import Hand
+from strands_actors.drivers.common.codecs.json_rpc import Call
+from strands_actors.drivers.common.physics.body import Hand
 from strands_actors.drivers.common.twin import Fault
 from strands_actors.drivers.microduck import protocol as p
 from strands_actors.drivers.microduck.body import Duck

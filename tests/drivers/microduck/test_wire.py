@@ -13,7 +13,7 @@ import pytest
 import trio
 
 from strands_actors.contract.wire import PermitDenied, WireDown
-from strands_actors.drivers.common.json_rpc import Call
+from strands_actors.drivers.common.codecs.json_rpc import Call
 from strands_actors.drivers.microduck import protocol as p
 from strands_actors.drivers.microduck.driver import Microduck
 from strands_actors.drivers.microduck.gates import HEADS, MOVES, UNTIL

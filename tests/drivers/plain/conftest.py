@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from strands_actors import Robot
-from strands_actors.caller.robot import RealRobot
+from strands_actors.caller.handle.robot import RealRobot
 from strands_actors.drivers import register_native_driver, register_robot
 
 from .rig import SmallArm

@@ -14,7 +14,7 @@ from typing import Any
 import pytest
 
 from strands_actors import Robot, estop
-from strands_actors.caller.robot import RealRobot
+from strands_actors.caller.handle.robot import RealRobot
 from strands_actors.drivers import register_native_driver
 from strands_actors.surfaces.recording import read, replay
 from tests.answers import json_of, pids, state, status, task_ended, until, why

@@ -11,9 +11,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from strands_actors.drivers.common import protobuf as pb
-from strands_actors.drivers.common.grpc_messages import ClientEnd, ServerEnd
-from strands_actors.drivers.common.malformed import MalformedFrame
+from strands_actors.drivers.common.codecs import protobuf as pb
+from strands_actors.drivers.common.codecs.grpc_messages import ClientEnd, ServerEnd
+from strands_actors.drivers.common.codecs.malformed import MalformedFrame
 from strands_actors.drivers.rby1 import protocol as p
 from strands_actors.drivers.rby1.commands import (
     PARTS,

@@ -10,8 +10,8 @@ import pytest
 import trio
 
 from strands_actors.contract.wire import WireDown
-from strands_actors.drivers.common import protobuf as pb
-from strands_actors.drivers.common.grpc_messages import Status
+from strands_actors.drivers.common.codecs import protobuf as pb
+from strands_actors.drivers.common.codecs.grpc_messages import Status
 from strands_actors.drivers.common.twin import Fault
 from strands_actors.drivers.common.twin.grpc import ServerCall
 from strands_actors.drivers.rby1 import protocol as p

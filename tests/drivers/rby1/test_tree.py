@@ -12,7 +12,7 @@ from typing import Any
 import pytest
 
 from strands_actors import Robot, estop
-from strands_actors.caller.robot import RealRobot
+from strands_actors.caller.handle.robot import RealRobot
 from strands_actors.testing import Twin
 from tests import trees
 from tests.answers import json_of, resumed, state, status, until, why

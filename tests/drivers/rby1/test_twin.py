@@ -5,8 +5,8 @@ from __future__ import annotations
 
 import pytest
 
-from strands_actors.drivers.common.controlled_body import LedBody
-from strands_actors.drivers.common.simulation_control.body import Hand
+from strands_actors.drivers.common.physics.body import Hand
+from strands_actors.drivers.common.physics.controlled_body import LedBody
 from strands_actors.drivers.rby1.commands import Command, Finish, JointPosition
 from strands_actors.drivers.rby1.protocol import Control, JointOrder, Manager, ManagerOrder
 from strands_actors.drivers.rby1.robots import TABLES

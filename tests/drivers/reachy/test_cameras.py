@@ -16,9 +16,9 @@ import pytest
 import trio
 
 from strands_actors import Robot
-from strands_actors.caller.robot import RealRobot
+from strands_actors.caller.handle.robot import RealRobot
 from strands_actors.contract.wire import WireDown
-from strands_actors.drivers.common.webrtc import LATE_S, Stamps, WebRtcVideo
+from strands_actors.drivers.common.ports.webrtc import LATE_S, Stamps, WebRtcVideo
 from strands_actors.surfaces.cameras import Frame, StaleFrame
 from strands_actors.testing import Twin
 from tests.answers import status

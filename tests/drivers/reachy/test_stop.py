@@ -15,8 +15,8 @@ import pytest
 import trio
 
 from strands_actors.contract.wire import Permit, PermitDenied, WireDown
-from strands_actors.drivers.common.http_messages import Request, Response
-from strands_actors.drivers.common.http_port import HttpPort
+from strands_actors.drivers.common.codecs.http_messages import Request, Response
+from strands_actors.drivers.common.ports.http_port import HttpPort
 from strands_actors.drivers.common.twin import Fault, TcpServer, WireLog
 from strands_actors.drivers.common.twin.http import Answer
 from strands_actors.drivers.common.twin.websocket import WebSocketClient

@@ -21,7 +21,7 @@ import pytest
 from websockets.sync.client import connect
 
 from strands_actors import Robot, estop
-from strands_actors.caller.robot import RealRobot
+from strands_actors.caller.handle.robot import RealRobot
 from strands_actors.drivers.reachy import protocol as p
 from strands_actors.testing import Twin
 from tests.answers import json_of, pids, state, status, until, why

@@ -14,7 +14,7 @@ import httpx
 import pytest
 from websockets.sync.client import ClientConnection, connect
 
-from strands_actors.drivers.common.http_messages import Request
+from strands_actors.drivers.common.codecs.http_messages import Request
 from strands_actors.drivers.common.twin import Fault
 from strands_actors.drivers.reachy import protocol as p
 from strands_actors.drivers.reachy.twin import ReachyTwin

@@ -14,8 +14,8 @@ from typing import Any
 import pytest
 
 from strands_actors import Robot
-from strands_actors.caller.portal import portal
-from strands_actors.caller.robot import RealRobot
+from strands_actors.caller.handle.robot import RealRobot
+from strands_actors.caller.session.portal import portal
 from strands_actors.contract.driver import Reason
 from strands_actors.supervisors.gate.messages import StopReport
 from strands_actors.supervisors.stop_result import Confirmed

@@ -15,7 +15,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from pymodbus.client import ModbusTcpClient
 
-from strands_actors.drivers.common.modbus import Decoder
+from strands_actors.drivers.common.ports.modbus import Decoder
 from strands_actors.drivers.common.twin import Fault
 from strands_actors.drivers.robotiq import protocol as p
 from strands_actors.drivers.robotiq.mechanism import Gripper, Setup

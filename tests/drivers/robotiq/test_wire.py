@@ -8,7 +8,7 @@ import pytest
 import trio
 
 from strands_actors.contract.wire import PermitDenied, WireDown
-from strands_actors.drivers.common.modbus import SILENT_S
+from strands_actors.drivers.common.ports.modbus import SILENT_S
 from strands_actors.drivers.common.twin import Fault
 from strands_actors.drivers.robotiq import protocol as p
 from strands_actors.drivers.robotiq.wire import READ_S, SOON_S

@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from strands_actors.drivers.common.malformed import MalformedFrame
+from strands_actors.drivers.common.codecs.malformed import MalformedFrame
 from strands_actors.drivers.common.rtps import discovery, messages, parameters, participant, wire_types
 from strands_actors.drivers.common.rtps.discovery import EndpointData
 from strands_actors.drivers.common.rtps.engine import MOST_CHANGES, MOST_HEARD

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from strands_actors.drivers.common.malformed import MalformedFrame
+from strands_actors.drivers.common.codecs.malformed import MalformedFrame
 from strands_actors.drivers.common.rtps import messages, wire_types
 from strands_actors.drivers.common.rtps.messages import Fragment
 from strands_actors.drivers.common.rtps.reassembly import MAX_BYTES, MAX_SAMPLES, PATIENCE_NS, Reassembly

@@ -14,7 +14,7 @@ import zlib
 from collections.abc import Iterable
 from itertools import pairwise
 
-from strands_actors.drivers.common.malformed import MalformedFrame
+from strands_actors.drivers.common.codecs.malformed import MalformedFrame
 from strands_actors.drivers.common.rtps import messages, wire_types
 from strands_actors.drivers.common.rtps.engine import MAX_PEERS, Engine
 from strands_actors.drivers.common.rtps.matching import MAX_ENDPOINTS

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from strands_actors.drivers.common.malformed import MalformedFrame
+from strands_actors.drivers.common.codecs.malformed import MalformedFrame
 from strands_actors.drivers.common.rtps import discovery, messages, parameters, wire_types
 from strands_actors.drivers.common.rtps.discovery import EndpointData, ParticipantData
 from strands_actors.drivers.common.rtps.messages import AckNack, Data, Fragment, Gap, Heartbeat

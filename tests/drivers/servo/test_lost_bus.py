@@ -15,7 +15,7 @@ from strands_actors.contract.wire import StopChannel, WireDown
 from strands_actors.drivers.common.dynamixel import protocol as dynamixel
 from strands_actors.drivers.common.dynamixel import table
 from strands_actors.drivers.common.dynamixel.wire import DynamixelStopChannel, DynamixelWire
-from strands_actors.drivers.common.serial_port import BytePort
+from strands_actors.drivers.common.ports.serial_port import BytePort
 from strands_actors.drivers.common.twin.servo_bus import ServoBus
 from strands_actors.drivers.dynamixel.driver import Dynamixel
 from strands_actors.drivers.dynamixel.twin import DynamixelBus

@@ -9,7 +9,7 @@ import trio
 
 from strands_actors.contract.driver import Candidate, GateState, Live
 from strands_actors.contract.wire import MotorReport, Observation, Permit, PermitDenied, WireDown
-from strands_actors.drivers.common.grpc_messages import MAX_MESSAGE
+from strands_actors.drivers.common.codecs.grpc_messages import MAX_MESSAGE
 from strands_actors.drivers.common.twin import Connection
 from strands_actors.drivers.common.twin.grpc import GrpcClient, ServerCall
 from strands_actors.drivers.spot.driver import Spot

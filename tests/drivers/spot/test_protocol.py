@@ -12,7 +12,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from strands_actors.drivers.common.malformed import MalformedFrame
+from strands_actors.drivers.common.codecs.malformed import MalformedFrame
 from strands_actors.drivers.spot import protocol as p
 from strands_actors.drivers.spot.messages import TABLES, decode, encode, table
 from strands_actors.drivers.spot.twin import SpotTwin

@@ -10,7 +10,7 @@ import trio
 
 from strands_actors.contract.driver import Candidate, GateState
 from strands_actors.contract.wire import WireDown
-from strands_actors.drivers.common.simulation_control.body import Hand
+from strands_actors.drivers.common.physics.body import Hand
 from strands_actors.drivers.common.twin import Fault
 from strands_actors.drivers.spot import protocol as p
 from strands_actors.drivers.spot.protocol import Motors

@@ -17,8 +17,8 @@ from typing import Any
 import pytest
 
 from strands_actors import Robot
-from strands_actors.caller.robot import RealRobot
-from strands_actors.drivers.common.malformed import MalformedFrame
+from strands_actors.caller.handle.robot import RealRobot
+from strands_actors.drivers.common.codecs.malformed import MalformedFrame
 from strands_actors.drivers.spot import config
 from strands_actors.drivers.spot import protocol as p
 from strands_actors.drivers.spot.messages import decode

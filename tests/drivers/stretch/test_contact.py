@@ -87,7 +87,7 @@ def test_an_acknowledgement_that_nobody_waited_for_is_not_taken_for_that_of_a_go
         await trio.sleep(0.01)  # its acknowledgement waits in the port
         rig.mute.add(LIFT)
         board.tell(rig.config.goal("lift", 0.6).call())
-        assert not await board.was_told()
+        assert not await board.was_acknowledged()
 
     virtual(test)
 

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from strands_actors.drivers.common.malformed import MalformedFrame
+from strands_actors.drivers.common.codecs.malformed import MalformedFrame
 from strands_actors.drivers.stretch import frames as f
 from strands_actors.drivers.stretch import protocol as p
 from tests.drivers.disturbed import DISTURBED

@@ -6,7 +6,7 @@ import pytest
 import trio
 
 from strands_actors.contract.wire import WireDown
-from strands_actors.drivers.common.serial_port import BytePort
+from strands_actors.drivers.common.ports.serial_port import BytePort
 from strands_actors.drivers.stretch.chains import ChainStopChannel
 from strands_actors.drivers.stretch.config import StretchConfig
 from strands_actors.kernel.clock import VirtualClock

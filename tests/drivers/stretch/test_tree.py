@@ -15,7 +15,7 @@ import pytest
 import yaml
 
 from strands_actors import Robot
-from strands_actors.caller.robot import RealRobot
+from strands_actors.caller.handle.robot import RealRobot
 from strands_actors.drivers.common.dynamixel import protocol as dxl
 from strands_actors.drivers.stretch import frames as f
 from strands_actors.drivers.stretch import protocol as p

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from strands_actors.contract.driver import Candidate, Driver, GateState, Reason
 from strands_actors.contract.wire import Observation
-from strands_actors.drivers.common.motor_targets import DQ, KD, KP, ROWS, TAU, Q
+from strands_actors.drivers.common.kit.motor_targets import DQ, KD, KP, ROWS, TAU, Q
 from strands_actors.drivers.unitree.driver import G1Driver, Go2Driver
 from strands_actors.drivers.unitree.gates import CONTROL_S
 from strands_actors.kernel.clock import NS

@@ -419,7 +419,7 @@ def test_joints_and_walking_are_two_levels_of_one_robot() -> None:
 def test_a_speed_is_the_difference_of_two_poses_in_the_frame_of_the_body() -> None:
     odometry = Odometry()
     odometry.take_mode(204, NS)
-    assert odometry.state() is not None and not odometry.tells_speed
+    assert odometry.state() is not None and not odometry.reports_speed
     odometry.take_pose((1.0, 2.0, math.pi / 2), NS)
     odometry.take_pose((1.0, 2.05, math.pi / 2), NS + NS // 10)
     state = odometry.state()

@@ -15,7 +15,7 @@ import pytest
 import trio
 
 from strands_actors import Robot
-from strands_actors.caller.robot import RealRobot
+from strands_actors.caller.handle.robot import RealRobot
 from strands_actors.drivers.common.rtps import CDR, Participant, discovery, messages, wire_types
 from strands_actors.drivers.common.rtps.discovery import ParticipantData
 from strands_actors.drivers.common.rtps.peer_address import parse_peer_address

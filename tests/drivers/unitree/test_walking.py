@@ -13,7 +13,7 @@ import trio
 from strands_actors import Robot
 from strands_actors.contract.driver import Reason
 from strands_actors.contract.safe_state import SafeState
-from strands_actors.drivers.common.malformed import MalformedFrame
+from strands_actors.drivers.common.codecs.malformed import MalformedFrame
 from strands_actors.drivers.unitree import rpc
 from strands_actors.drivers.unitree.driver import Go2Driver
 from strands_actors.drivers.unitree.twin.gait import REST, Gait

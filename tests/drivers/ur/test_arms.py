@@ -9,7 +9,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from strands_actors.drivers.common.physics import Plant
+from strands_actors.drivers.common.physics.physics import Plant
 from strands_actors.drivers.ur.arms import JOINTS, TABLES, Arm, arm_of
 from strands_actors.drivers.ur.twin.model import HOME_RAD, model_table
 

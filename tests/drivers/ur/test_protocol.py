@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from strands_actors.drivers.common.malformed import MalformedFrame
+from strands_actors.drivers.common.codecs.malformed import MalformedFrame
 from strands_actors.drivers.ur import protocol as p
 from strands_actors.drivers.ur.twin import commands as c
 

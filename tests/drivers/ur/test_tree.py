@@ -20,7 +20,7 @@ from typing import Any
 import pytest
 
 from strands_actors import Robot
-from strands_actors.caller.robot import RealRobot
+from strands_actors.caller.handle.robot import RealRobot
 from strands_actors.drivers.ur import protocol as p
 from strands_actors.drivers.ur.arms import JOINTS, arm_of
 from strands_actors.drivers.ur.driver import UR

@@ -16,7 +16,7 @@ from typing import Any
 import pytest
 
 from strands_actors import Robot
-from strands_actors.caller.robot import RealRobot
+from strands_actors.caller.handle.robot import RealRobot
 from strands_actors.drivers.xarm import protocol as p
 from strands_actors.testing import Twin
 from tests import trees

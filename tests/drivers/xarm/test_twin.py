@@ -12,9 +12,9 @@ import mujoco
 import numpy as np
 import pytest
 
-from strands_actors.drivers.common.controlled_body import LedBody
-from strands_actors.drivers.common.physics import Plant
-from strands_actors.drivers.common.simulation_control.body import Hand
+from strands_actors.drivers.common.physics.body import Hand
+from strands_actors.drivers.common.physics.controlled_body import LedBody
+from strands_actors.drivers.common.physics.physics import Plant
 from strands_actors.drivers.xarm import protocol as p
 from strands_actors.drivers.xarm.arms import arm_of, model_table
 from strands_actors.drivers.xarm.protocol import ERROR, INVALID, NOT_READY, Mode, Register, State

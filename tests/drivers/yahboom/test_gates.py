@@ -8,9 +8,9 @@ from typing import Any
 
 import pytest
 
-from strands_actors.caller.plan import plan
+from strands_actors.caller.resolve.planning import plan
 from strands_actors.contract.driver import Candidate, Live
-from strands_actors.drivers.common.velocity_base import LIFETIME_S
+from strands_actors.drivers.common.kit.velocity_base import LIFETIME_S
 from strands_actors.drivers.yahboom.driver import YahboomM3Pro
 from strands_actors.drivers.yahboom.gates import AXES
 from strands_actors.drivers.yahboom.robots import table_of

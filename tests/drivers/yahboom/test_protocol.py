@@ -13,7 +13,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from strands_actors.drivers.common.malformed import MalformedFrame
+from strands_actors.drivers.common.codecs.malformed import MalformedFrame
 from strands_actors.drivers.yahboom import messages as m
 from strands_actors.drivers.yahboom import protocol as p
 from strands_actors.drivers.yahboom.rosbridge import RosbridgeLink
@@ -125,14 +125,14 @@ def test_a_base_that_moves_in_any_way_does_not_stand(speed: m.Twist) -> None:
 )
 def test_what_is_no_operation_is_malformed(text: str) -> None:
     with pytest.raises(MalformedFrame, match="no operation"):
-        p.decode_told(text)
+        p.decode_incoming(text)
     with pytest.raises(MalformedFrame, match="no operation"):
         p.decode_asked(text)
 
 
 def test_a_binary_message_is_malformed() -> None:
     with pytest.raises(MalformedFrame, match="binary"):
-        p.decode_told(p.encode(p.Status("info")).encode())
+        p.decode_incoming(p.encode(p.Status("info")).encode())
 
 
 def samples() -> list[str]:

@@ -17,10 +17,10 @@ import pytest
 import trio
 
 from strands_actors.contract.wire import WireDown
-from strands_actors.drivers.common.malformed import MalformedFrame
-from strands_actors.drivers.common.reporting_base import stop_until_it_stands
+from strands_actors.drivers.common.codecs.malformed import MalformedFrame
+from strands_actors.drivers.common.kit.reporting_base import stop_until_it_stands
+from strands_actors.drivers.common.kit.sdk import load_sdk
 from strands_actors.drivers.common.rtps import Participant
-from strands_actors.drivers.common.sdk import load_sdk
 from strands_actors.drivers.yahboom import dds
 from strands_actors.drivers.yahboom import messages as m
 from strands_actors.drivers.yahboom.config import DOMAIN, domain_of_environment

@@ -7,7 +7,7 @@ import pytest
 import trio
 
 from strands_actors.contract.wire import WireDown
-from strands_actors.drivers.common.reporting_base import TIMES
+from strands_actors.drivers.common.kit.reporting_base import TIMES
 from strands_actors.drivers.common.twin import Fault
 from strands_actors.drivers.yahboom import messages as m
 from strands_actors.drivers.yahboom.stop import STOP_S

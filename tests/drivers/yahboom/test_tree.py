@@ -16,7 +16,7 @@ from typing import Any
 
 import pytest
 
-from strands_actors.caller.robot import RealRobot
+from strands_actors.caller.handle.robot import RealRobot
 from strands_actors.drivers.yahboom import messages as m
 from strands_actors.kernel.processes.guard import ALLOW, ALLOW_TOPICS
 from strands_actors.testing import Twin

@@ -11,7 +11,7 @@ from typing import Any
 
 import pytest
 
-from strands_actors.drivers.common.simulation_control.body import Hand
+from strands_actors.drivers.common.physics.body import Hand
 from strands_actors.drivers.common.twin import Fault
 from strands_actors.drivers.yahboom import messages as m
 from strands_actors.drivers.yahboom import protocol as p
@@ -105,7 +105,7 @@ def said(twin: M3ProTwin, *texts: str) -> list[p.Told]:
     session = BridgeSession(twin.graph, told.append)
     for text in texts:
         session.take(text)
-    return [p.decode_told(text) for text in told]
+    return [p.decode_incoming(text) for text in told]
 
 
 def test_a_wrong_type_is_objected_to() -> None:

@@ -12,7 +12,7 @@ from pathlib import Path
 
 from rich.console import Console
 
-from strands_actors.caller.robot import Robot
+from strands_actors.caller.handle.robot import Robot
 from strands_actors.contract.driver import Driver
 from strands_actors.contract.extras import missing
 from strands_actors.drivers import get_native_driver_class

@@ -12,7 +12,7 @@ from typing import Any
 
 import msgspec
 
-from strands_actors.caller.robot import RealRobot
+from strands_actors.caller.handle.robot import RealRobot
 from strands_actors.contract.driver import Driver, Reason
 from strands_actors.kernel.clock import NS
 

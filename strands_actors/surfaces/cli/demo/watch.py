@@ -11,9 +11,9 @@ from typing import Any, NamedTuple
 import msgspec
 import trio
 
-from strands_actors.caller.envelopes import Answer
-from strands_actors.caller.portal import portal
-from strands_actors.caller.robot import RealRobot
+from strands_actors.caller.handle.envelopes import Answer
+from strands_actors.caller.handle.robot import RealRobot
+from strands_actors.caller.session.portal import portal
 from strands_actors.kernel.node import AskTimeout, Ref, Unreachable
 from strands_actors.kernel.processes.process import exists
 from strands_actors.supervisors import addresses

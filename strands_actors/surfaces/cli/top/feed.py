@@ -12,9 +12,9 @@ from typing import NamedTuple
 
 import trio
 
-from strands_actors.caller import directory
-from strands_actors.caller.directory import Directory
-from strands_actors.caller.run_directory import Note, notes
+from strands_actors.caller.processes import directory
+from strands_actors.caller.processes.directory import Directory
+from strands_actors.caller.processes.run_directory import Note, notes
 from strands_actors.supervisors.gate.messages import Status
 from strands_actors.supervisors.root.messages import TreeReport
 from strands_actors.surfaces.cli.demo.watch import state_of

@@ -1,0 +1,1 @@
+"""Parts that drivers, wires and stop channels are made of."""

@@ -1,0 +1,1 @@
+"""Bodies of twins and simulations, and the solvers that move them."""

@@ -1,0 +1,218 @@
+"""Build robot models from tables: one row of text per moving link, with ``mujoco.MjSpec``. There is no
+model file and no mesh.
+
+    body parent joint axis xyz rot lo,hi effort velocity kg com geom
+
+``-`` leaves a column at its default. Units: metres, radians, newton metres, radians per second, kilograms.
+
+``joint``   ``-``: the link is welded to its parent
+``axis``    ``x``, ``y`` or ``z``; ``-`` in front reverses it, ``s`` makes it a slide: ``-y``, ``sz``
+``xyz``     the link's origin in its parent
+``rot``     ``0``, or ``r,p,y`` in degrees about the parent's fixed axes (URDF), or ``q:w,x,y,z``
+``effort``  ``-``: a passive joint
+``com``     the mass is a point there; without it the mass fills the shape
+``geom``    ``cR@x,y,z`` capsule from the origin to a point (default: the first child), ``bX,Y,Z@x,y,z`` box
+            of half sizes about a point, ``sR`` sphere, ``yR,H`` cylinder of half height H
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, NamedTuple
+
+from .body import TIMESTEP_S
+from .lean_mujoco import mujoco
+
+LINK_EXTENT_M = 0.1
+"""Gyration length of a link with a ``com``. It need not be exact, since the rotor's armature outweighs it."""
+
+
+class Row(NamedTuple):
+    """One link, parsed."""
+
+    body: str
+    parent: str
+    joint: str | None
+    axis: tuple[float, float, float]
+    slide: bool
+    xyz: tuple[float, ...]
+    quat: tuple[float, ...]
+    limits: tuple[float, float] | None
+    effort: float | None
+    velocity: float | None
+    kg: float
+    com: tuple[float, ...] | None
+    geom: str | None
+
+
+def with_limits(links: str, limits_of: Callable[[str], str]) -> str:
+    """Fill in the columns of range, effort and velocity.
+
+    A robot's table has these once, with its joints.
+
+    Args:
+        links: Rows without these three columns.
+        limits_of: Return the three columns of a joint, by its key.
+    """
+    rows = []
+    for line in links.splitlines():
+        if line.strip():
+            body, parent, key, axis, xyz, rot, kg, com, geom = line.split()
+            rows.append(f"{body} {parent} {key} {axis} {xyz} {rot} {limits_of(key)} {kg} {com} {geom}")
+    return "\n".join(rows)
+
+
+def numbers(text: str) -> tuple[float, ...]:
+    return tuple(float(part) for part in text.split(","))
+
+
+def quaternion(text: str) -> tuple[float, ...]:
+    """Return w, x, y, z of a ``rot`` column."""
+    if text in ("0", "-"):
+        return (1.0, 0.0, 0.0, 0.0)
+    if text.startswith("q:"):
+        return numbers(text[2:])
+    roll, pitch, yaw = (math.radians(degrees) / 2 for degrees in numbers(text))
+    cr, sr, cp, sp, cy, sy = (f(a) for a in (roll, pitch, yaw) for f in (math.cos, math.sin))
+    return (
+        cr * cp * cy + sr * sp * sy,
+        sr * cp * cy - cr * sp * sy,
+        cr * sp * cy + sr * cp * sy,
+        cr * cp * sy - sr * sp * cy,
+    )
+
+
+def parse_row(line: str) -> Row:
+    """Return the row in a line.
+
+    Raises:
+        ValueError: A column is missing or no number. The text has the line.
+    """
+    columns = line.split()
+    if len(columns) != 12:
+        raise ValueError(f"a model row has 12 columns, this has {len(columns)}: {line}")
+    given: list[str | None] = [None if column == "-" else column for column in columns]
+    body, parent, joint, axis, xyz, rot, limits, effort, velocity, kg, com, geom = given
+    sign = -1.0 if axis and "-" in axis else 1.0
+    letter = axis[-1] if axis else "z"
+    if body is None or parent is None or letter not in "xyz":
+        raise ValueError(f"a model row needs a body, a parent and an axis of x, y or z: {line}")
+    ends = numbers(limits) if limits else None
+    return Row(
+        body=body,
+        parent=parent,
+        joint=joint,
+        axis=(sign * (letter == "x"), sign * (letter == "y"), sign * (letter == "z")),
+        slide=bool(axis and "s" in axis),
+        xyz=numbers(xyz) if xyz else (0.0, 0.0, 0.0),
+        quat=quaternion(rot or "0"),
+        limits=(ends[0], ends[1]) if ends else None,
+        effort=float(effort) if effort else None,
+        velocity=float(velocity) if velocity else None,
+        kg=float(kg) if kg else 0.01,
+        com=numbers(com) if com else None,
+        geom=geom,
+    )
+
+
+def parse_rows(text: str) -> list[Row]:
+    return [parse_row(line) for line in text.splitlines() if line.strip()]
+
+
+def build(table: Mapping[str, Any]) -> Any:
+    """Return the model of a robot, as an ``MjSpec``.
+
+    Every joint with an effort gets a position servo with the joint's name, limited to the joint's
+    velocity. The plant sets its gains.
+
+    Args:
+        table: The robot's table in ``robots.toml``. It has ``model_rows``, and may have ``base``,
+            ``armature``, ``damping``, ``friction`` and ``gravity_compensated`` (no gravity acts on the
+            arm). With ``torque_motors`` a joint gets a motor instead of a servo; its torque is the control
+            minus ``biasprm`` times position and velocity. A ``base`` that is ``free`` stands on its feet
+            only.
+    """
+    rows = parse_rows(table["model_rows"])
+    spec = mujoco.MjSpec()
+    spec.compiler.degree = False
+    spec.option.timestep = TIMESTEP_S
+    spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
+    spec.worldbody.add_geom(
+        name="floor", type=mujoco.mjtGeom.mjGEOM_PLANE, size=[2, 2, 0.1], contype=1, conaffinity=2
+    )
+    base = table.get("base", {})
+    bodies = {"base": spec.worldbody.add_body(name="base", pos=numbers(base.get("xyz", "0,0,0")))}
+    if "geom" in base:
+        _add_geom(bodies["base"], base["geom"], (), float(base.get("kg", 1.0)))
+    if base.get("free"):
+        bodies["base"].add_freejoint()
+        _add_point_mass(bodies["base"], float(base["kg"]), numbers(base.get("com", "0,0,0")))
+    for row in rows:
+        body = bodies[row.parent].add_body(name=row.body, pos=row.xyz, quat=row.quat)
+        body.gravcomp = 1.0 if table.get("gravity_compensated") else 0.0
+        bodies[row.body] = body
+        _add_mass(body, row, [other for other in rows if other.parent == row.body])
+        if row.joint:
+            _add_joint(spec, body, row, table)
+    return spec
+
+
+def _add_mass(body: Any, row: Row, children: Sequence[Row]) -> None:
+    if row.geom:
+        towards = children[0].xyz if children else ()
+        _add_geom(body, row.geom, towards, row.kg)
+    if row.com or not row.geom:
+        _add_point_mass(body, row.kg, row.com or (0.0, 0.0, 0.0))
+
+
+def _add_point_mass(body: Any, kg: float, com: tuple[float, ...]) -> None:
+    body.explicitinertial = True
+    body.mass = kg
+    body.ipos = com
+    body.inertia = [kg * LINK_EXTENT_M**2 / 12] * 3
+
+
+def _add_geom(body: Any, text: str, towards: Sequence[float], kg: float) -> None:
+    shape, _, place = text[1:].partition("@")
+    sizes = (*numbers(shape), 0.0, 0.0)[:3]
+    point = numbers(place) if place else tuple(towards)
+    kind = {
+        "c": mujoco.mjtGeom.mjGEOM_CAPSULE,
+        "b": mujoco.mjtGeom.mjGEOM_BOX,
+        "s": mujoco.mjtGeom.mjGEOM_SPHERE,
+        "y": mujoco.mjtGeom.mjGEOM_CYLINDER,
+    }[text[0]]
+    # Links collide with the floor, not with each other: shapes this coarse would overlap at every joint.
+    geom = body.add_geom(type=kind, size=sizes, mass=kg, contype=2, conaffinity=1)
+    if text[0] == "c":
+        if not point:
+            raise ValueError(f"capsule {text} of {body.name} has neither an end nor a child to reach for")
+        geom.fromto = [0.0, 0.0, 0.0, *point]
+    elif place:
+        geom.pos = point
+
+
+def _add_joint(spec: Any, body: Any, row: Row, table: Mapping[str, Any]) -> None:
+    kinds = mujoco.mjtJoint
+    joint = body.add_joint(
+        name=row.joint,
+        type=kinds.mjJNT_SLIDE if row.slide else kinds.mjJNT_HINGE,
+        axis=row.axis,
+        armature=float(table.get("armature", 0.0)),
+        damping=float(table.get("damping", 0.0)),
+        frictionloss=float(table.get("friction", 0.0)),
+    )
+    if row.limits:
+        joint.limited = True
+        joint.range = row.limits
+    if row.effort is None:
+        return
+    servo = spec.add_actuator(name=row.joint, trntype=mujoco.mjtTrn.mjTRN_JOINT, target=row.joint)
+    if table.get("torque_motors"):
+        servo.gaintype = mujoco.mjtGain.mjGAIN_FIXED
+        servo.biastype = mujoco.mjtBias.mjBIAS_AFFINE
+    else:
+        servo.set_to_pid(kp=1.0, kv=1.0, slewmax=row.velocity or 0.0)
+    servo.forcelimited = True
+    servo.forcerange = [-row.effort, row.effort]

@@ -1,0 +1,164 @@
+"""A client of JSON-RPC over one connection. A message leaves at once or fails; each answer has a deadline.
+
+No message is queued, repeated, or kept for the next connection. A late answer is dropped. A line that
+cannot be decoded is counted. If lines can no longer be told apart, the connection is not read any more,
+but a stop can still be written to it until it is replaced or closed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Awaitable, Callable, Mapping
+from typing import Any
+
+import trio
+
+from strands_actors.contract.wire import WireDown
+
+from ..codecs.json_rpc import (
+    Call,
+    Failure,
+    LineDecoder,
+    Result,
+    decode,
+    encode_notification,
+    encode_request,
+)
+from ..codecs.malformed import MalformedFrame
+from .shared_stream import SharedStream
+from .tcp_port import OrderlyStream
+
+OpenStream = Callable[[], Awaitable[OrderlyStream]]
+
+_GONE = object()
+
+
+class SaidNo(Exception):
+    """The service has answered with an error."""
+
+    def __init__(self, code: int, message: str) -> None:
+        super().__init__(message)
+        self.code = code
+
+
+class JsonRpcPort:
+    """One connection to a service. Every call raises ``WireDown`` once the connection is gone.
+
+    Args:
+        open_stream: Makes a connection.
+        notice: Called with each notification of the service, as it comes.
+    """
+
+    def __init__(self, open_stream: OpenStream, notice: Callable[[Call], None]) -> None:
+        self._open_stream = open_stream
+        self._notice = notice
+        self._stream = SharedStream(self._forget_all)
+        self._lines = LineDecoder()
+        self._number = 0
+        self._waiting: dict[int, Result | Failure | None] = {}  # requests with an awaited answer
+        self.malformed = 0
+
+    @property
+    def is_open(self) -> bool:
+        return self._stream.connection is not None
+
+    @property
+    def takes_stops(self) -> bool:
+        """True if there is a connection to which a stop can be written."""
+        return self._stream.is_connected
+
+    async def open(self) -> None:
+        """Connect again, and send nothing. A connection that cannot be decoded is kept until then."""
+        if self.is_open:
+            self.close()
+        self._stream.replace(await self._open_stream())
+
+    def notify(self, method: str, params: Mapping[str, Any]) -> None:
+        self._stream.write(encode_notification(method, params))
+
+    def notify_stop(self, method: str, params: Mapping[str, Any]) -> None:
+        """As ``notify``, also on a connection that cannot be decoded any more, since a stop needs no
+        answer."""
+        self._stream.write_stop(encode_notification(method, params))
+
+    def send_stop(self, method: str, params: Mapping[str, Any]) -> None:
+        """As ``notify_stop``, for a method that is a request. Its answer is dropped."""
+        self._number += 1
+        self._stream.write_stop(encode_request(self._number, method, params))
+
+    def send(self, method: str, params: Mapping[str, Any]) -> int:
+        """Hand over a request now and return its number. Its answer is kept until ``answer`` or
+        ``forget``."""
+        self._number += 1
+        self._stream.write(encode_request(self._number, method, params))
+        self._waiting[self._number] = None
+        return self._number
+
+    def forget(self, number: int) -> None:
+        self._waiting.pop(number, None)
+
+    async def answer(self, number: int, within_s: float) -> Any:
+        """Return the result of a request.
+
+        Args:
+            number: The result of ``send``.
+            within_s: Time to wait.
+
+        Raises:
+            SaidNo: The service has answered with an error.
+            WireDown: There is no answer in time. The connection stays open.
+        """
+        try:
+            with trio.move_on_after(within_s):
+                await self.until(lambda: self._waiting.get(number, _GONE) is not None)
+            answer = self._waiting.get(number, _GONE)
+        finally:
+            self.forget(number)
+        match answer:
+            case Result(_, value):
+                return value
+            case Failure(_, code, message):
+                raise SaidNo(code, message)
+        if answer is _GONE:
+            raise WireDown("the connection was lost before the answer. Reconnect")
+        raise WireDown(f"no answer within {within_s * 1e3:.0f} ms. Check that the service is alive")
+
+    async def ask(self, method: str, params: Mapping[str, Any], within_s: float) -> Any:
+        return await self.answer(self.send(method, params), within_s)
+
+    async def hear(self) -> None:
+        """Receive until the connection is lost."""
+        await self.until(lambda: False)
+
+    async def until(self, is_so: Callable[[], bool]) -> None:
+        """Receive until ``is_so()`` is true."""
+        while not is_so():
+            await self._hear()
+
+    def close(self) -> None:
+        """Reset the connection. Another call does nothing."""
+        self._stream.close()
+
+    def _forget_all(self) -> None:
+        self._lines = LineDecoder()
+        self._waiting.clear()
+
+    async def _hear(self) -> None:
+        """Receive once, or wait until another task has."""
+        data = await self._stream.read()
+        try:
+            for line in self._lines.feed(data):
+                self._take(line)
+        except MalformedFrame as malformed:
+            self._stream.deafen(str(malformed))
+            raise WireDown(f"{malformed}. Check what is served there") from None
+
+    def _take(self, line: bytes) -> None:
+        try:
+            message = decode(line)
+        except MalformedFrame:
+            self.malformed += 1
+            return
+        if isinstance(message, Call):
+            self._notice(message)
+        elif isinstance(message.id, int) and message.id in self._waiting:
+            self._waiting[message.id] = message

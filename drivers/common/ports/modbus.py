@@ -1,0 +1,209 @@
+"""Modbus TCP: frames and their decoder, which are pure, and a client that never mixes up replies.
+
+The codec is pymodbus's framer and PDU classes. Its clients are not used: with a silent peer they block
+for seconds, retry by themselves, and reconnect unnoticed.
+
+A reply belongs to the request with its transaction id, however late it is. A reply to no request ends the
+connection. So no reply is ever taken for that of the next request.
+"""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Iterator, Sequence
+
+import trio
+from pymodbus.constants import ExcCodes
+from pymodbus.framer import FramerSocket
+from pymodbus.pdu import DecodePDU, ExceptionResponse, ModbusPDU
+from pymodbus.pdu.register_message import (
+    ReadInputRegistersRequest,
+    ReadInputRegistersResponse,
+    WriteMultipleRegistersRequest,
+    WriteMultipleRegistersResponse,
+)
+
+from strands_actors.contract.wire import WireDown
+from strands_actors.kernel.clock import NS, Clock
+
+from ..codecs.malformed import MalformedFrame
+from .tcp_port import ByteStream
+
+logging.getLogger("pymodbus").addHandler(logging.NullHandler())  # Otherwise a bad frame is printed on stderr.
+
+SILENT_S = 0.5
+"""A peer with an open request that has sent nothing for so long counts as gone."""
+
+MAX_OPEN = 4096
+"""Most unanswered requests, while others are answered. There are far more transaction ids."""
+
+_HEADER = 7
+_MAX_LENGTH = 254
+_LAST_ID = 0xFFFF
+
+
+class NotUnderstood(WireDown):
+    """The peer answers, but with something that was not requested. Its replies are useless from now on. A
+    command to it may still work."""
+
+
+class Decoder:
+    """Find PDUs in a stream of bytes. Their ``dev_id`` and ``transaction_id`` are set."""
+
+    def __init__(self, *, requests: bool) -> None:
+        """Decode the stream of a client (``requests``), otherwise that of a server."""
+        self._framer = FramerSocket(DecodePDU(is_server=requests))
+        self._pending = b""
+
+    @property
+    def has_part(self) -> bool:
+        """True if a frame has begun to arrive."""
+        return bool(self._pending)
+
+    def feed(self, data: bytes) -> Iterator[tuple[ModbusPDU, bytes]]:
+        """Yield PDUs with their frames.
+
+        Raises:
+            MalformedFrame: The stream has no start marks, so the connection is of no more use.
+        """
+        self._pending += data
+        while len(self._pending) > _HEADER:
+            protocol, length = (int.from_bytes(self._pending[at : at + 2], "big") for at in (2, 4))
+            if protocol != 0 or not 2 <= length <= _MAX_LENGTH:
+                raise MalformedFrame(f"protocol {protocol}, length {length}")
+            used, unit, number, body = self._framer.decode(self._pending[: _HEADER - 1 + length])
+            if not used:
+                return
+            frame, self._pending = self._pending[:used], self._pending[used:]
+            pdu = self._framer.decoder.decode(body)
+            if pdu is None:
+                raise MalformedFrame(f"function {body[0]}")
+            pdu.dev_id, pdu.transaction_id = unit, number
+            yield pdu, frame
+
+
+def encode(pdu: ModbusPDU) -> bytes:
+    """Return the frame of a PDU. Its ``dev_id`` and ``transaction_id`` must be set."""
+    frame: bytes = FramerSocket(DecodePDU(is_server=False)).buildFrame(pdu)
+    return frame
+
+
+def exception_words(code: int) -> str:
+    """Return a text such as ``illegal address (exception 2)``."""
+    try:
+        name = ExcCodes(code).name.lower().replace("_", " ")
+    except ValueError:
+        name = "unknown"
+    return f"{name} (exception {code})"
+
+
+class ModbusClient:
+    """Requests to one unit on one connection. Calls must not overlap; requests may.
+
+    Args:
+        stream: The connection. The client closes it.
+        unit: The number of the unit.
+        name: The name of the peer for messages.
+        clock: The clock of the process.
+    """
+
+    def __init__(self, stream: ByteStream, unit: int, name: str, clock: Clock) -> None:
+        self._stream = stream
+        self._unit = unit
+        self._name = name
+        self._clock = clock
+        self._decoder = Decoder(requests=False)
+        self._number = 0
+        self._open: dict[int, ModbusPDU] = {}  # unanswered requests
+        self._answers: dict[int, list[int] | None] = {}  # by number of a request with an awaited answer
+        self._waiting_since_ns = 0  # when a reply came last, or when a silent peer was asked first
+        self._asked_ns = 0
+
+    def write_registers(self, address: int, values: Sequence[int]) -> None:
+        """Send a write at once. If the peer refuses it, the next ``answer`` raises. Raise ``WireDown``."""
+        self._ask(WriteMultipleRegistersRequest(address=address, registers=list(values)))
+
+    def read_registers(self, address: int, count: int) -> int:
+        """Send a read at once. Return its number, for ``answer`` or ``forget``. Raise ``WireDown``."""
+        number = self._ask(ReadInputRegistersRequest(address=address, count=count))
+        self._answers[number] = None
+        return number
+
+    async def answer(self, number: int, within_s: float) -> list[int] | None:
+        """Return the registers of a read; None if they have not come yet.
+
+        Args:
+            number: The result of ``read_registers``.
+            within_s: Time to wait.
+
+        Raises:
+            WireDown: The peer has refused a request, or was asked and has sent nothing for ``SILENT_S``.
+            NotUnderstood: It has sent something that was not requested.
+        """
+        return await self.first_answer((number,), within_s)
+
+    async def first_answer(self, numbers: Sequence[int], within_s: float) -> list[int] | None:
+        """As ``answer``, for the first of these reads that is answered."""
+        with trio.move_on_after(within_s):
+            while all(self._answers[number] is None for number in numbers):
+                self._take(await self._stream.read())
+        for number in numbers:
+            if self._answers[number] is not None:
+                return self._answers.pop(number)
+        silent_s = (self._clock.now_ns() - self._waiting_since_ns) / NS
+        if silent_s > SILENT_S:
+            raise WireDown(f"{self._name}: no answer for {silent_s * 1e3:.0f} ms. Check its power, then reconnect")
+        return None
+
+    @property
+    def has_partial_answer(self) -> bool:
+        """True if the peer has begun a reply and not completed it."""
+        return self._decoder.has_part
+
+    def forget(self, number: int) -> None:
+        """Drop the answer to a read. It may still come."""
+        self._answers.pop(number, None)
+
+    def close(self) -> None:
+        self._stream.close()
+
+    def _ask(self, request: ModbusPDU) -> int:
+        if len(self._open) >= MAX_OPEN:
+            raise WireDown(f"{self._name}: {MAX_OPEN} questions without an answer. Check it, then reconnect")
+        self._number = self._number % _LAST_ID + 1
+        request.dev_id, request.transaction_id = self._unit, self._number
+        now_ns = self._clock.now_ns()
+        if not self._open or now_ns - self._asked_ns > SILENT_S * NS:
+            self._waiting_since_ns = now_ns  # The peer owed no reply, or no request was sent lately.
+        self._asked_ns = now_ns
+        self._stream.write(encode(request))
+        self._open[self._number] = request
+        return self._number
+
+    def _take(self, data: bytes) -> None:
+        try:
+            for reply, _ in self._decoder.feed(data):
+                self._waiting_since_ns = self._clock.now_ns()
+                request = self._open.pop(reply.transaction_id, None)
+                registers = self._registers(request, reply)
+                if reply.transaction_id in self._answers:
+                    self._answers[reply.transaction_id] = registers
+        except MalformedFrame as malformed:
+            raise NotUnderstood(f"{self._name}: answers with no Modbus frame ({malformed}). Reconnect") from None
+
+    def _registers(self, request: ModbusPDU | None, reply: ModbusPDU) -> list[int]:
+        if request is None or reply.dev_id != self._unit:
+            raise NotUnderstood(f"{self._name}: answers what was not asked. Reconnect")
+        if isinstance(reply, ExceptionResponse):
+            raise WireDown(
+                f"{self._name}: refuses: {exception_words(reply.exception_code)}. Check unit_id= and its power"
+            )
+        match request, reply:
+            case ReadInputRegistersRequest(), ReadInputRegistersResponse():
+                registers = list(reply.registers)
+                if len(registers) == request.count:
+                    return registers
+            case WriteMultipleRegistersRequest(), WriteMultipleRegistersResponse():
+                if (reply.address, reply.count) == (request.address, len(request.registers)):
+                    return []
+        raise NotUnderstood(f"{self._name}: its answer does not fit the question. Reconnect")

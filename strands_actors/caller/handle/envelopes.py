@@ -1,0 +1,333 @@
+"""Make envelopes, the results of verbs. They can be used at once or awaited.
+
+An envelope has one of two forms:
+
+    {"status": "success", "content": [{"json": {...}}]}
+    {"status": "error", "content": [{"text": "..."}, {"json": {...}}]}
+"""
+
+from __future__ import annotations
+
+import logging
+import math
+import sys
+from collections.abc import Coroutine, Generator, Iterator, Mapping
+from concurrent.futures import Future
+from typing import Any, assert_never
+
+import msgspec
+
+from strands_actors.contract.driver import Driver, Reason
+from strands_actors.contract.wire import Observation
+from strands_actors.kernel.health import busy
+from strands_actors.kernel.messages import Refused
+from strands_actors.kernel.refusals import Code
+from strands_actors.supervisors.gate.messages import Status, StopReport
+from strands_actors.supervisors.root.messages import UNREACHABLE, TaskStatus, TreeReport
+from strands_actors.supervisors.stop_result import Confirmed, NothingRan, StopResult, Unconfirmed, Unreachable
+
+_log = logging.getLogger("strands_actors")
+
+
+class Answer(dict[str, Any], Coroutine[Any, Any, "Answer"]):
+    """An envelope, a dict of ``status`` ("success" or "error") and ``content``.
+
+    It can also be awaited, and the result is the envelope itself. So ``stop()``, ``await stop()`` and
+    ``asyncio.run(robot.stop())`` all work.
+    """
+
+    def __await__(self) -> Generator[Any, None, Answer]:
+        yield from ()
+        return self
+
+    def send(self, value: Any) -> Any:
+        raise StopIteration(self)
+
+    def throw(self, typ: Any, val: Any = None, tb: Any = None) -> Any:
+        raise typ
+
+    def close(self) -> None:
+        """No-op: the answer is complete."""
+
+
+class PendingAnswer(Mapping[str, Any], Coroutine[Any, Any, Answer]):
+    """The result of ``stop()`` and ``get_status()`` inside a running event loop.
+
+    The call has already started, and runs to its end even if it is never awaited or the awaiting task
+    is cancelled. ``await``, ``create_task``, ``gather`` and ``wait_for`` accept it, and do not block the
+    loop. If it is read as a dict, as in a cell of a notebook, the reader waits for the answer.
+    """
+
+    def __init__(self, future: Future[Answer]) -> None:
+        self._future = future
+        self._driven: Coroutine[Any, Any, Answer] | None = None
+
+    def __hash__(self) -> int:
+        return id(self)  # ``gather`` keeps coroutines in a dict.
+
+    def __await__(self) -> Generator[Any, Any, Answer]:
+        return _when_done(self._future).__await__()
+
+    def send(self, value: Any) -> Any:
+        return self._drive().send(value)
+
+    def throw(self, typ: Any, val: Any = None, tb: Any = None) -> Any:
+        return self._drive().throw(typ)
+
+    def close(self) -> None:
+        """Stop waiting. The call itself continues."""
+        if self._driven is not None:
+            self._driven.close()
+
+    def _drive(self) -> Coroutine[Any, Any, Answer]:
+        if self._driven is None:
+            self._driven = _when_done(self._future)
+        return self._driven
+
+    def __getitem__(self, key: str) -> Any:
+        return self._future.result()[key]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._future.result())
+
+    def __len__(self) -> int:
+        return len(self._future.result())
+
+    def __bool__(self) -> bool:
+        """Return True without waiting, since no answer is empty. asyncio calls this when it prints a task
+        (Python 3.12)."""
+        return True
+
+    def __repr__(self) -> str:
+        return repr(self._future.result())
+
+
+async def _when_done(future: Future[Answer]) -> Answer:
+    import asyncio  # Already imported: an asyncio loop awaits this.
+
+    return await asyncio.shield(asyncio.wrap_future(future))
+
+
+def in_asyncio() -> bool:
+    """Return True if an asyncio loop runs in this thread. It does not import asyncio, which costs 8 ms: a
+    program with such a loop has imported it."""
+    asyncio = sys.modules.get("asyncio")
+    return asyncio is not None and asyncio._get_running_loop() is not None
+
+
+def success(json: dict[str, Any]) -> Answer:
+    return Answer(status="success", content=[{"json": json}])
+
+
+def picture(png: bytes, json: dict[str, Any]) -> Answer:
+    """Return an envelope with a picture in the form that agents expect."""
+    image = {"format": "png", "source": {"bytes": png}}
+    return Answer(status="success", content=[{"image": image}, {"json": json}])
+
+
+def error(text: str, json: dict[str, Any] | None = None) -> Answer:
+    content: list[dict[str, Any]] = [{"text": text}]
+    if json is not None:
+        content.append({"json": json})
+    return Answer(status="error", content=content)
+
+
+_LATE = frozenset(
+    {
+        Code.EXPIRED,
+        Code.STALE,
+        Code.NO_OBSERVATION,
+        Code.NO_ANSWER,
+        Code.TIMEOUT,
+        Code.UNREACHABLE,
+        Code.PUBLISH,
+    }
+)
+"""Codes of refusals after a missed deadline."""
+_TOLD = ("verb", "code", "reason", "remedy", "offered", "limit", "because")
+
+
+def refused(refusal: Refused) -> Answer:
+    """Return the error envelope of a refusal. After a missed deadline, its text names a busy computer."""
+    if refusal.code in _LATE or refusal.because == Reason.EXPIRED:
+        refusal = msgspec.structs.replace(refusal, reason=busy.explained(refusal.reason))
+    details = {key: str(value) for key in _TOLD if (value := getattr(refusal, key))}
+    return error(refusal.text, {"refused": details})
+
+
+def with_remedy(answer: Answer, remedies: Mapping[str, str]) -> Answer:
+    """Return a refusal with another remedy, for an interface that has other verbs.
+
+    Args:
+        answer: Any envelope. An envelope that is not a refusal is returned unchanged.
+        remedies: Remedy by code of the refusal.
+    """
+    fields = answer["content"][-1].get("json", {}).get("refused", {})
+    remedy = remedies.get(fields.get("code", ""))
+    if remedy is None or "reason" not in fields:
+        return answer
+    return refused(Refused(**{**fields, "remedy": remedy}))
+
+
+def stop_result(verb: str, result: StopResult, done: dict[str, Any] | None = None) -> Answer:
+    """Return the envelope of a stop. It is a success only if every motor confirmed the safe state.
+
+    Args:
+        verb: The verb, for the text of an error.
+        result: The result of the stop.
+        done: Further keys of the verb.
+    """
+    more = done or {}
+    match result:
+        case Confirmed(proof):
+            match proof:
+                case NothingRan(why):
+                    return success({"stopped": True, "reason": why, **more})
+                case StopReport():
+                    return success({**_report(proof), **more})
+                case _:
+                    assert_never(proof)
+        case Unconfirmed(report):
+            named = ", ".join(f"{motor.axis} (id {motor.id}): {motor.detail}" for motor in result.unsafe)
+            text = f"{verb}: not confirmed by {named or 'the robot'}. cut its power if it still moves"
+            return error(text, {**more, **_report(report)})
+        case Unreachable(refusal, motors):
+            refused = {"code": str(refusal.code)}
+            json = {**more, "stopped": False, "unconfirmed": list(motors), "refused": refused}
+            return error(result.text, json)
+        case _:
+            assert_never(result)
+
+
+def warn_unless_safe(robot: str, answer: Answer) -> None:
+    """Log the error of a cleanup, if the program does not see the cleanup's answer."""
+    if answer["status"] != "success":
+        _log.warning("%s: %s", robot, answer["content"][0]["text"])
+
+
+def _report(report: StopReport) -> dict[str, Any]:
+    return {
+        "stopped": report.confirmed,
+        "reason": str(report.reason),
+        "safe_state": str(report.safe_state),
+        "path": report.path,
+        "took_ms": round(report.took_ms, 2),
+        "unconfirmed": report.unconfirmed,
+        "note": report.note,
+        "motors": {
+            motor.axis: {
+                "id": motor.id,
+                "written": motor.written,
+                "acknowledged": motor.acknowledged,
+                "safe": motor.safe,
+                "detail": motor.detail,
+            }
+            for motor in report.motors
+        },
+    }
+
+
+def task(status: TaskStatus) -> dict[str, Any]:
+    return {
+        "running": status.running,
+        "steps": status.steps,
+        "elapsed_s": round(status.elapsed_s, 3),
+        "exit_reason": status.exit_reason or None,
+        "exit_detail": status.exit_detail or None,
+        "refusal": status.refusal or None,
+        "instruction": status.instruction,
+        "hz": round(status.hz, 2),
+        **({"teleop": status.teleop} if status.teleop else {}),
+    }
+
+
+def status(
+    tool_name: str,
+    robot: str,
+    driver: Driver,
+    problem: str,
+    told: Status | None,
+    facts: Mapping[str, Any],
+    standby_report: str | None = None,
+) -> dict[str, Any]:
+    """Return the keys of ``get_status``. They are the same if the robot does not answer.
+
+    Args:
+        tool_name: Name of the handle.
+        robot: Name of the robot.
+        driver: Its driver.
+        problem: Why it does not answer.
+        told: The answer of the gate; None if it did not come.
+        facts: The wire's facts from its last answer (``Wire.open``). They replace equal keys.
+        standby_report: The report of the standby of an earlier tree.
+    """
+    observation = None if told is None else told.observation
+    return {
+        "tool_name": tool_name,
+        "robot": robot,
+        "connected": told is not None and told.connected,
+        "connect_error": problem if told is None else told.connect_error or None,
+        "state": UNREACHABLE if told is None else told.mode,
+        "epoch": None if told is None else told.epoch,
+        "locked_by": None if told is None else told.locked_by or None,
+        "locked_since": None if told is None else told.locked_since or None,
+        "cause": None if told is None else told.cause or None,
+        "lease": None if told is None else told.holder or None,
+        "observation_age_s": None if told is None or told.age_s < 0 else round(told.age_s, 4),
+        "writes": 0 if told is None else told.writes,
+        "reads": 0 if told is None else told.reads,
+        "refusals": 0 if told is None else told.refusals,
+        "last_refusal": None if told is None else told.last_refusal or None,
+        "standby": None if told is None else told.no_standby or "ready",
+        "standby_report": standby_report,
+        "motors": dict(zip(driver.axes, driver.ids, strict=True)),
+        "faults": {} if observation is None else dict(observation.faults),
+        "sensors": {} if observation is None else sensors(observation),
+        "fallbacks": {str(reason): str(safe_state) for reason, safe_state in driver.fallbacks.items()},
+        "firmware_watchdog": driver.firmware_watchdog,
+        "unit": driver.unit,
+        **facts,
+        **({} if observation is None else driver.readings(observation)),
+    }
+
+
+def positions(driver: Driver, observation: Observation) -> dict[str, float | None]:
+    """Return the positions by public key; null for an axis that was never read."""
+    return {key: _known(value) for key, value in driver.observed(observation).items()}
+
+
+def velocities(driver: Driver, observation: Observation) -> dict[str, float | None]:
+    """Return the velocities by axis; empty if the robot does not report them."""
+    return {axis: _known(value) for axis, value in zip(driver.axes, observation.velocity, strict=False)}
+
+
+def sensors(observation: Observation) -> dict[str, list[float | None]]:
+    """Return the sensors by name; null for an unknown value."""
+    return {name: [_known(value) for value in row] for name, row in observation.sensors.items()}
+
+
+def _known(value: float) -> float | None:
+    return None if math.isnan(value) else value
+
+
+def tree(report: TreeReport) -> dict[str, Any]:
+    """Return one robot as ``strands-actors tree --json`` prints it."""
+    return {
+        "robot": report.robot,
+        "state": report.state,
+        "epoch": report.epoch,
+        "locked_by": report.locked_by,
+        "processes": [
+            {"role": process.role, "pid": process.pid, "restarts": process.restarts} for process in report.processes
+        ],
+        "actors": [
+            {
+                "address": actor.address,
+                "role": actor.role,
+                "pid": actor.pid,
+                "state": actor.state,
+                "restarts": actor.restarts,
+            }
+            for actor in report.actors
+        ],
+    }

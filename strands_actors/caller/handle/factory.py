@@ -1,0 +1,133 @@
+"""The function ``Robot(...)``, which makes the handle of one robot, real or simulated.
+
+The methods of the handle and their envelopes are those of strands-robots' drivers page.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+
+from strands_actors.surfaces.agents.approval import APPROVE_S, Approve, approval_of
+
+from ..processes.twin_process import SIM
+from ..resolve.planning import plan
+from .real_robot import RealRobot
+from .sim_robot import SimRobot
+
+if TYPE_CHECKING:
+    from strands_actors.surfaces.mesh.config import MeshConfig
+
+
+def Robot(  # a function; its name is that of strands-robots
+    name: str,
+    mode: str = "sim",
+    *,
+    driver: str = "auto",
+    port: str | os.PathLike[str] | None = None,
+    transport: str | None = None,
+    sim: SimRobot | None = None,
+    tool_name: str | None = None,
+    peer_id: str | None = None,
+    cameras: Mapping[str, Any] | None = None,
+    data_config: Any = None,
+    mesh: MeshConfig | bool | None = None,
+    require_drill: str | None = None,
+    at: str | None = None,
+    lifetime: float | None = None,
+    policy_limits: Mapping[str, Any] | None = None,
+    backend: str = "mujoco",
+    urdf_path: str | os.PathLike[str] | None = None,
+    position: Sequence[float] | None = None,
+    orientation: Sequence[float] | None = None,
+    keyframe: str | int | None = None,
+    gated: bool = True,
+    arm: bool = True,
+    approve: Approve | None = None,
+    guarded: tuple[str, ...] = (),
+    approve_within_s: float = APPROVE_S,
+    **options: Any,
+) -> RealRobot:
+    """Return the handle of one robot. Nothing is started yet.
+
+    A simulation starts at its first use. A real robot is connected by ``connect_eagerly()``, by a
+    ``with`` block, or by its first command.
+
+    Args:
+        name: Name of the robot. ``list_robots()`` has all names.
+        mode: ``"sim"``: a simulation. ``"real"``: a robot on its wire. ``"auto"``: real if a port or a
+            transport is given; otherwise the value of ``STRANDS_ROBOT_MODE``; otherwise real if exactly
+            one serial adapter of the robot's kind is plugged in, else a simulation.
+        driver: ``"auto"``, ``"strands"`` or ``"lerobot"``.
+        port: Where the real robot is: a serial device, or an address.
+        transport: ``"twin"``: start the robot's twin behind its real wire, in place of a port. A driver
+            may offer others.
+        sim: A simulation of the same robot that serves as the twin (with ``transport="twin"``).
+        tool_name: Name of the handle on this computer and on the mesh, 1 to 64 of A-Z a-z 0-9 _ -.
+            None: the name of the robot.
+        peer_id: Another word for ``tool_name``.
+        cameras: Camera settings by camera name, in LeRobot's words. With a twin or a simulation
+            ``{"wrist": {}, "front": {}}`` gives drawn pictures.
+        data_config: Kept unchanged for code that builds a policy.
+        mesh: The address at which other hosts reach the robot (``MeshConfig``). False: other hosts
+            cannot reach it. None: ``MeshConfig`` from the environment.
+        require_drill: Refuse motion unless a stop drill was passed within this time, such as ``"30d"``.
+        at: The address of another host that runs the robot, such as ``"tls/arm.example:7447"``. Then
+            ``mesh`` has the certificate, and ``tool_name`` is the robot's name there.
+        lifetime: Least lifetime of a policy's setpoint in seconds, for a slow network.
+        policy_limits: Limits of the process of a named policy: ``memory_mb``, ``cpu_s``,
+            ``processors``, ``user``.
+        backend: Physics of a simulation: ``"mujoco"``, ``"newton"`` or ``"isaac"``.
+        urdf_path: An MJCF or URDF file to simulate under this name.
+        position: Position of the simulated base, in metres.
+        orientation: Orientation of the simulated base, a quaternion w, x, y, z.
+        keyframe: The keyframe of the model in which the simulation begins and holds.
+        gated: False lets a target of a simulation exceed the range of its joint.
+        arm: False: a connect energises nothing. The robot can be read and moved by hand until
+            ``resume()``.
+        approve: Function that gives the approval of an operator. It is called before an agent, or
+            another program, uses a guarded verb or action key. It returns True to approve.
+        guarded: Verbs and action keys that are guarded, in addition to those of the driver.
+        approve_within_s: Longest time in seconds that ``approve`` may take. After it the request is
+            refused.
+        options: Options of the driver.
+
+    Returns:
+        A ``SimRobot`` for a simulation, otherwise a ``RealRobot``.
+
+    Raises:
+        ValueError: A name, a value or a keyword is wrong. The text has the accepted ones.
+        TypeError: A value has the wrong type, or the mode would ignore the keyword.
+        ImportError: The package of the ``backend`` is not installed.
+
+    Example:
+        with Robot("so101", mode="real", port="/dev/ttyACM0") as arm:
+            arm.move_to({"shoulder_pan": 10.0}, seconds=2.0)
+    """
+    wanted = plan(
+        name,
+        mode,
+        driver=driver,
+        port=port,
+        transport=transport,
+        sim=sim,
+        tool_name=tool_name,
+        peer_id=peer_id,
+        cameras=cameras,
+        data_config=data_config,
+        mesh=mesh,
+        require_drill=require_drill,
+        at=at,
+        lifetime=lifetime,
+        policy_limits=policy_limits,
+        backend=backend,
+        urdf_path=urdf_path,
+        position=position,
+        orientation=orientation,
+        keyframe=keyframe,
+        gated=gated,
+        **options,
+    )
+    approval = approval_of(wanted.driver_class, guarded, approve, approve_within_s)
+    return (SimRobot if wanted.transport == SIM else RealRobot)(wanted, approval, arm)

@@ -1,0 +1,51 @@
+"""What to start for a robot."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any
+
+from strands_actors.contract.cameras import CameraSettings
+from strands_actors.contract.driver import Driver
+from strands_actors.kernel.processes.limits import PolicyLimits
+from strands_actors.surfaces.mesh.config import MeshConfig
+
+from .twin_process import TwinProcess
+
+
+@dataclass(frozen=True)
+class Plan:
+    """The checked arguments of ``Robot(...)``, with everything that a start needs.
+
+    Attributes:
+        robot: Name of the robot.
+        tool_name: Name of the handle.
+        driver_class: The driver.
+        port: Port or address; empty for a twin, a simulation, or a robot of another host.
+        transport: ``twin``, ``sim``, or a transport of the driver; None for a port.
+        options: Options of the driver.
+        twin_process: The process of the twin; None for hardware.
+        owns_twin_process: True if ``cleanup`` ends the twin. False for a simulation of the user.
+        data_config: Kept unchanged for code that builds a policy.
+        mesh: Addresses and certificates of the mesh.
+    """
+
+    robot: str
+    tool_name: str
+    driver_class: type[Driver]
+    port: str
+    transport: str | None
+    options: dict[str, Any] = field(repr=False)  # It may contain a password.
+    twin_process: TwinProcess | None = None
+    owns_twin_process: bool = True
+    data_config: Any = None
+    mesh: MeshConfig = MeshConfig()  # noqa: RUF009  # frozen
+    drill_age_s: float | None = None
+    """Greatest age of the last stop drill. Without a younger drill, motion is refused. None: no limit."""
+    at: str = ""
+    """The address of another host that runs the robot; empty if this host does. ``mesh`` has it, too."""
+    lifetime_s: float | None = None
+    """Least lifetime of a setpoint of a rollout."""
+    cameras: tuple[CameraSettings, ...] = ()
+    policy_limits: PolicyLimits = PolicyLimits()  # noqa: RUF009  # frozen
+    """Limits of each process of a named policy."""

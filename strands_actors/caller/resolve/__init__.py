@@ -1,0 +1,1 @@
+"""From the arguments of ``Robot(...)`` to a plan of what to start. Starts nothing."""

@@ -1,0 +1,1 @@
+"""A caller's session with one robot: lease, orders, rollouts."""

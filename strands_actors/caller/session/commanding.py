@@ -1,0 +1,135 @@
+"""Send commands to a robot's gate, under the caller's lease.
+
+``ask`` is for the trio loop of the tree. ``ask_here`` is for a thread of the program, which asks the
+gate directly and waits. If a decision is needed (no lease, a stale lease, a running rollout), the
+thread leaves the command to the loop, so that such decisions are made in one place.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Any, NamedTuple
+
+from strands_actors.contract.driver import Driver
+from strands_actors.contract.plain_numbers import as_python
+from strands_actors.kernel.clock import Clock
+from strands_actors.kernel.messages import Message, Refused
+from strands_actors.kernel.node import AskTimeout, Unreachable
+from strands_actors.kernel.refusals import Code
+from strands_actors.supervisors.gate.actions import plain, refuse_shape
+from strands_actors.supervisors.gate.messages import MOVE, Lease, Perform, Setpoint
+
+from ..processes.robot_processes import Patience, Processes, unreachable
+from .portal import portal
+from .rollouts import Rollouts
+from .writer import STALE, Writer
+
+
+class Order(NamedTuple):
+    """One command that has no lease yet.
+
+    Attributes:
+        verb: The verb, for refusals.
+        make: Makes the message for a lease.
+        within_s: Longest time for the answer.
+    """
+
+    verb: str
+    make: Callable[[Lease], Message]
+    within_s: float
+
+
+class Orders:
+    """Make orders of commands and services. Any thread may use it."""
+
+    def __init__(self, driver: Driver, clock: Clock, patience: Patience) -> None:
+        self._driver = driver
+        self._clock = clock
+        self._patience = patience
+
+    def move(self, action: Mapping[str, Any]) -> Order | Refused:
+        refusal = refuse_shape(action)
+        if refusal is not None:
+            return refusal.about(MOVE)
+        return Order(MOVE, lambda lease: self._setpoint(lease, action), self._patience.ask_s)
+
+    def perform(
+        self, service: str, arguments: Mapping[str, Any], action: Mapping[str, Any] | None
+    ) -> Order | Refused:
+        """Return the order for a service.
+
+        Args:
+            service: Its name.
+            arguments: Its arguments.
+            action: A command to write first. If it is refused, the service does not run.
+        """
+        arguments = {name: as_python(value) for name, value in arguments.items()}
+        refusal = self._driver.check_service(service, arguments)
+        if refusal is None and action is not None:
+            refusal = refuse_shape(action)
+        if refusal is not None:
+            return refusal.about(service)
+
+        def make(lease: Lease) -> Message:
+            first = None if action is None else self._setpoint(lease, action)
+            return Perform(lease.id, lease.epoch, service, plain(arguments), first)
+
+        return Order(service, make, self._driver.SERVICES[service].within_s + self._patience.ask_s)
+
+    def _setpoint(self, lease: Lease, action: Mapping[str, Any]) -> Setpoint:
+        ttl_s = self._driver.timing.oneshot_ttl_s
+        deadline_ns = self._clock.now_ns() + round(1e9 * (self._patience.command_s if ttl_s is None else ttl_s))
+        return Setpoint(lease.id, lease.epoch, deadline_ns, plain(action), 0.0, ttl_s is None)
+
+
+class Commanding:
+    def __init__(self, processes: Processes, writer: Writer, rollouts: Rollouts) -> None:
+        self._processes = processes
+        self._writer = writer
+        self._rollouts = rollouts
+
+    async def ask(self, order: Order) -> Message | None:
+        """Send a command, and return the gate's answer.
+
+        If the lease has become stale (the robot was held, the wire restarted, another program has it),
+        this new command of the user acquires it again. A disarmed or locked robot still refuses.
+        """
+        writer = self._writer
+        async with writer.turn:
+            refusal = await self._rollouts.refuse(order.verb)
+            if refusal is not None:
+                return refusal
+            if writer.lease is not None:
+                answer = await self._ask(order, writer.lease)
+                if not _is_stale(answer):
+                    return answer
+            refusal = await writer.acquire()
+            if refusal is not None or writer.lease is None:
+                return refusal or Refused(Code.LEASE, "no lease", verb=order.verb)
+            return await self._ask(order, writer.lease)
+
+    async def _ask(self, order: Order, lease: Lease) -> Message | None:
+        try:
+            return await self._processes.gate.ask(order.make(lease), order.within_s)
+        except AskTimeout as timeout:
+            return await self._processes.late(order.verb, timeout)
+        except Unreachable as failure:
+            return unreachable(order.verb, failure)
+
+    def ask_here(self, order: Order) -> Message | None:
+        """As ``ask``, in the calling thread. None: nothing was done, and the loop has to ``ask``."""
+        lease = self._writer.lease
+        if lease is None or self._rollouts.running:
+            return None
+        try:
+            answer = self._processes.gate.ask_here(order.make(lease), order.within_s)
+        except AskTimeout as timeout:
+            return portal().call(self._processes.late, order.verb, timeout)
+        except Unreachable as failure:
+            self._processes.require()  # It raises if the robot was cleaned up meanwhile.
+            return unreachable(order.verb, failure)
+        return None if _is_stale(answer) else answer
+
+
+def _is_stale(answer: Message | None) -> bool:
+    return isinstance(answer, Refused) and answer.code in STALE
