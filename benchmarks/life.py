@@ -7,7 +7,7 @@ from .sides.erlang import erlang
 
 QUESTION = Question(
     name="life",
-    title="How fast does an actor start in a process of its own, and how fast is one that died there again?",
+    title="How fast does an actor start in a separate process, and how fast does it restart there?",
     sides={
         **{name: side_of("life", name) for name in ("ours", "trio", "multiprocessing", "ray")},
         "erlang": lambda short: erlang("restart", short),

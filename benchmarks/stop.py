@@ -52,8 +52,8 @@ QUESTION = Question(
     limit="""All goals are met on a machine in a good hour: 0.7 to 1.7 ms (27 November). In a bad hour, in which
 a wake-up takes two to three times as long, three of the 14 were met: 1.0 to 3.0 ms on a UR (once 5.1), 3 to 6 on
 the third row of a G1 (26 November, in turns with the code of the 22nd, which took 1.2 to 2.3 and 6 to 9). The
-call crosses from the caller's thread to its loop and from there to the wire process: 0.6 to 1.8 ms, whatever the
-policy does. Half of that is waking up (two fifths of all samples are in epoll; see `setpoint`).
+call crosses from the caller's thread to its loop and from there to the wire process: 0.6 to 1.8 ms, independent
+of the policy. Half of that is waking up (two fifths of all samples are in epoll; see `setpoint`).
 
 On a UR ur-rtde sends the frame, and waits until the script has taken the setpoint before. The G1's policy of the
 third row computes in the caller for 30 of its 32 ms, and keeps the interpreter's lock. The path needs that lock

@@ -16,7 +16,7 @@ def side(who: str, peer: str = "") -> Side:
 
 QUESTION = Question(
     name="telemetry",
-    title="Robots on one machine, each telling its state ten times a second",
+    title="Robots on one machine, each publishing its state ten times a second",
     sides={
         "ours": side("ours"),
         "strands-robots": side("strands", "strands"),
