@@ -21,8 +21,8 @@ QUESTION = Question(
         Goal("ask_p99_us", "trio", at_most=0.35),
     ),
     limit=(
-        "An idle actor with a synchronous handler answers in the asker's own turn, without a pass of the "
-        "scheduler (one pass: 4 µs and a system call; trio's side needs two, with a scope for the "
-        "deadline); every 32nd ask lets other tasks run, which is the p99."
+        """An idle actor with a synchronous handler answers in the asker's own turn, without a pass of the
+scheduler. (One pass costs 4 µs and a system call; trio's side needs two, with a scope for the deadline.) Every
+32nd ask lets other tasks run, which gives the p99."""
     ),
 )

@@ -17,13 +17,14 @@ QUESTION = Question(
         Goal("ask_p50_us", "ray", at_most=0.35),
         Goal("tell_per_s", "ray", at_least=10.0),
     ),
-    limit="""Plain zenoh answers from the callback, on zenoh's own thread. Who keeps the state of a process in
-one loop hands each message over, there and back: `zenoh into trio` is the least of that, a callback, trio's own
-way to wake its loop, a deadline, and it takes a quarter longer than ours, which has actors, types and lanes
-besides. So the library's limit is 1.7 to 2.6 times a put and its answer, and 0.45 to 0.6 of Ray. A tell is a put of
-its own, which zenoh batches when many are under way: 17 µs, nearly all of it zenoh's call of our callback, which
-takes the interpreter's lock for each. (Many in one frame took 2 µs, and a second form of a message that no robot
-needs: legs tell 500 times a second.)""",
+    limit="""Plain zenoh answers from the callback, on zenoh's own thread. A process that keeps its state in one
+loop has to hand each message to that loop and back. `zenoh into trio` is the minimum of that: a callback, trio's
+own way to wake its loop, and a deadline. It takes a quarter longer than ours, which also has actors, types and
+lanes. So the library's limit is 1.7 to 2.6 times a put and its answer, and 0.45 to 0.6 of Ray.
+
+A tell is a separate put. zenoh batches puts when many are under way: 17 µs each, nearly all of it zenoh's call of
+our callback, which takes the interpreter's lock for each. (Many tells in one frame took 2 µs, but needed a second
+form of a message. No robot needs that: legs tell 500 times a second.)""",
     short=False,
     ground="zenoh into trio",
     rounds=3,

@@ -13,13 +13,14 @@ def side(robot: str, who: str, peer: str = "") -> Side:
     return ask
 
 
-LIMIT = """The bytes need {bytes} µs a cycle at 1 Mbaud. `floor` is what this machine leaves of that: the same
-bytes, made in advance, through a blocking descriptor. Two thirds of our processor time are the kernel's, in the
+LIMIT = """The bytes need {bytes} µs a cycle at 1 Mbaud. `floor` is the best that this machine allows: the same
+bytes, made in advance, through a blocking descriptor. The kernel takes two thirds of our processor time, in the
 `write` of a pseudo terminal (`SerialPort.write` in the flame graph); encoding and decoding are 20 µs a cycle.
-What we add to the floor is mostly one wake-up of trio's loop per answer, which `floor in a loop of trio` has, too:
-a loop that serves stops meanwhile cannot block in `read`. The vendor's SDK, which does, stands between. `our
-wire` is what a robot of ours does in every cycle: it reads {whole}, so its own limit is {own} Hz, and is asked at
-the control rate, not flat out."""
+
+Above the floor we add mostly one wake-up of trio's loop per answer. `floor in a loop of trio` has that, too,
+because a loop that serves stops meanwhile cannot block in `read`. The vendor's SDK blocks in `read`, and is
+between them. `our wire` is the cycle of one of our robots: it reads {whole}, so its own limit is {own} Hz. It is
+read at the control rate, not as fast as possible."""
 
 QUESTION = Question(
     name="feetech",
@@ -39,9 +40,9 @@ QUESTION = Question(
     limit=LIMIT.format(
         bytes=880, whole="position, velocity, load, voltage and temperature, 8 bytes a servo", own=806
     )
-    + """ The goal would leave 2 to 13 µs of a cycle beyond `floor in a loop of trio`, which was at 0.902 and at
-0.912 in two runs, for all that it does not do: to give up on a late answer, to check sums, to decode, compare and
-encode. With that ours is 25 to 40 µs behind it.""",
+    + """ The goal would leave 2 to 13 µs of a cycle beyond `floor in a loop of trio`, which reached 0.902 and
+0.912 in two runs. In that time our side would have to do all that the floor omits: give up on a late answer,
+check sums, decode, compare and encode. With all that, ours is 25 to 40 µs behind it.""",
     ground="floor in a loop of trio",
     rounds=2,
 )

@@ -19,7 +19,7 @@ QUESTION = Question(
         Goal("restarts", "", at_most=0.0),
         Goal("answer_p50_ms", "", at_most=20.0),
     ),
-    limit="""The machine: twelve robots are 36 processes here, a third of them twins with physics. Shares are of one
-core and for one robot; `mb` is the proportional set size.""",
+    limit="""The machine: twelve robots are 36 processes here, a third of them twins with physics. Shares are of
+one core and for one robot; `mb` is the proportional set size.""",
     rounds=1,
 )

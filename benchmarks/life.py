@@ -7,7 +7,7 @@ from .sides.erlang import erlang
 
 QUESTION = Question(
     name="life",
-    title="How fast does an actor start in a process of its own, and how fast is one that died there again?",
+    title="How fast does an actor start in a separate process, and how fast does it restart there?",
     sides={
         **{name: side_of("life", name) for name in ("ours", "trio", "multiprocessing", "ray")},
         "erlang": lambda short: erlang("restart", short),
@@ -17,10 +17,10 @@ QUESTION = Question(
         Goal("recover_p50_ms", "", at_most=15.0),
         Goal("restart_p50_us", "erlang", at_most=1.0),
     ),
-    limit="""A birth is a fork (1.3 ms), trio's start, a link and one message; the forked heap is frozen
-before, since its collection would be 10 ms. A restart in the process is as fast as trio can: `trio` is a task
-that raises, a loop that starts it anew and one answer with a deadline, no budget, nobody told, and takes as long
-as ours. Erlang's processes are made of no stack of coroutines.""",
+    limit="""A start is a fork (1.3 ms), trio's start, a link and one message. The forked heap is frozen before,
+because its collection would take 10 ms. A restart in the process is as fast as trio allows: `trio` is a task that
+raises, a loop that starts it again and one answer with a deadline. It has no restart budget and notifies no
+watcher, and takes as long as ours. Erlang's processes have no stack of coroutines.""",
     short=False,
     ground="trio",
     rounds=2,

@@ -37,9 +37,9 @@ PREFACE = """# Benchmarks
 *Made by `python -m benchmarks --write` from `benchmarks/results/`; do not edit.*
 
 Every table was measured in one run on one machine: each round runs all sides once, in shuffled
-order. A cell is the median over the rounds with [lowest..highest]; a ratio is taken within a round,
-and its median is judged. Where a last column names another side, that side does only what nobody
-can do without; what is missed there, too, is not ours to meet.
+order. A cell is the median over the rounds with [lowest..highest]. A ratio is taken within a round,
+and its median is compared with the goal. If a last column names another side, that side does only
+the unavoidable work. If it misses a goal, too, our code cannot meet that goal.
 """
 
 
@@ -145,7 +145,7 @@ def section(question: Question, result: Result) -> str:
     )
     lines = [f"## {question.title}", "", paragraph(where), "", *table(result), *goals(question, result), ""]
     lines += [
-        paragraph(f"**What limits it.** {question.limit}"),
+        "\n\n".join(paragraph(part) for part in f"**What limits it.** {question.limit}".split("\n\n")),
         "",
         f"![{question.title}](benchmarks/{question.name}.svg)",
         "",
@@ -161,9 +161,9 @@ def where_it_goes(question: Question) -> list[str]:
         return []
     shares = flames.heaviest(flames.read(kept.read_text()))
     most = ", ".join(f"`{frame.partition(' (')[0]}` {share:.0%}" for frame, share in shares)
-    drawing = f"![Where our side computes](benchmarks/flames/{question.name}.svg)"
-    text = paragraph(f"Who computes in our side, by function, with what each calls in C: {most}.")
-    return [text, "", drawing, ""]
+    drawing = f"![Processor time of our side](benchmarks/flames/{question.name}.svg)"
+    shares_line = paragraph(f"Processor time of our side by function, including its calls in C: {most}.")
+    return [shares_line, "", drawing, ""]
 
 
 def plot(question: Question, result: Result, path: Path) -> None:

@@ -22,17 +22,20 @@ QUESTION = Question(
         Goal("feetech_late_us", "strands-robots", at_most=1.0),
         Goal("ur_late_us", "strands-robots", at_most=1.0),
     ),
-    limit="""Two thirds of the median are waking up: the wire process, on a UR the thread that may wait for
-ur-rtde, the twin. The caller's own loop, which was a third wake-up and 0.2 to 0.4 ms of it, is no longer on the
-way. The p99 on Feetech's half-duplex bus is a line in use: a setpoint waits for the end of a reading (1.5 ms,
-30 a second; so it was in eight of the ten slowest of 400), while the reference in this comparison neither reads
-nor repeats anything. On a UR it is waking up again, of a process and of a thread that slept; three of the 18
-slowest of 1800 stood behind the repeated setpoint before them, and to repeat it a third as often changed
-nothing. `a process with the SDK` is what anybody pays whose robot is read, or fed, by a process that outlives
-the script, without gates, leases and deadlines: on Feetech's bus its p99 is ours, or far behind it; on a UR it
-took 0.44 to 1.15 of what the goal allows in twelve rounds, and ours 0.64 to 1.29, with all that it has not.
-What that buys: the caller can be killed, frozen or computing, and the wire still shows the safe state. `late`
-is the p99; beside us it is that of the reference plus the millisecond that the goal allows.""",
+    limit="""Two thirds of the median are wake-ups: of the wire process, on a UR of the thread that may wait for
+ur-rtde, and of the twin. The caller's own loop was a third wake-up and 0.2 to 0.4 ms; it is no longer on the
+path.
+
+The p99 on Feetech's half-duplex bus comes from a busy line. A setpoint waits for the end of a reading (1.5 ms, 30
+a second), as in eight of the ten slowest of 400; the reference in this comparison neither reads nor repeats
+anything. On a UR the p99 comes from waking up again, of a process and of a thread that slept. Three of the 18
+slowest of 1800 waited for the repeated setpoint before them, and a third of the repetitions changed nothing.
+
+`a process with the SDK` is the cost of any robot that is read, or fed, by a process that outlives the script,
+without gates, leases and deadlines. On Feetech's bus its p99 is like ours, or far behind it. On a UR it took 0.44
+to 1.15 of the goal's limit in twelve rounds, and ours 0.64 to 1.29, with all the functions that it lacks. The
+benefit: the caller can be killed, frozen or computing, and the wire still shows the safe state. `late` is the
+p99; for the reference it is its p99 plus the millisecond that the goal allows.""",
     ground="a process with the SDK",
     rounds=4,
 )

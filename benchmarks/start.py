@@ -24,10 +24,10 @@ QUESTION = Question(
         Goal("armed_ms", "", at_most=800.0),
         Goal("armed_on_wire_ms", "", at_most=800.0),
     ),
-    limit="""trio and msgspec are 93 to 95 ms of the import's 113 to 119 ms of processor time; of the rest zenoh
+    limit="""trio and msgspec are 93 to 95 ms of the import's 113 to 119 ms of processor time. Of the rest zenoh
 is 2.4 ms, json 1.2 ms, and nearly all else our own modules (`-X importtime`). asyncio, entry points and the code
-of the root come when they are needed. Until it is armed the twin and then the root are executed, each importing
-trio, and the root forks the wire.""",
+of the root are imported when they are needed. Before the robot is armed, first the twin and then the root are
+executed, each importing trio, and the root forks the wire.""",
     short=False,
     rounds=3,
 )

@@ -15,15 +15,17 @@ QUESTION = Question(
     goals=tuple(
         Goal(f"{each}_per_s", "mj_step", at_least=0.8) for each in ("control_period", "second", "ten_seconds")
     ),
-    limit="""A `step` with an action is 0.45 to 0.55 ms, whatever it asks for: from the caller's thread to the wire
-process (lease, gate, the driver's names and units), from there to the simulation's, and back, four wake-ups. Ten
-simulated seconds a call (5000 steps, 24 ms of `mj_step`) do not feel it, a second (500, 2.4 ms) a little, and a
-control period (10 steps, 0.05 ms) is nothing beside it, though still forty times as fast as the wall. That one is
-out of reach for everybody whose physics is not in the script's own process, where a script that dies takes it
-along: `mj_step behind a socket`, one process, bytes and nothing else, two wake-ups, is far from it, too. Ours is
-faster than raw in long calls because a sixth of a raw step is MuJoCo's own stopwatch, which our twins do without.
-Between calls the physics keeps to the wall's clock, as deadlines, leases and heartbeats of the tree always do;
-it steps in lots of 500, so that a stop is not behind ten seconds.""",
+    limit="""A `step` with an action takes 0.45 to 0.55 ms, however many steps it has. The call goes from the
+caller's thread to the wire process (lease, gate, the driver's names and units), from there to the simulation's,
+and back: four wake-ups. In calls of ten simulated seconds (5000 steps, 24 ms of `mj_step`) that is negligible; in
+calls of a second (500, 2.4 ms) it is small. A control period (10 steps, 0.05 ms) is much shorter than the call,
+which is still forty times as fast as real time.
+
+No library with physics outside the script's process can reach that last goal; inside it, the physics would die
+with the script. `mj_step behind a socket` is one process, only bytes, two wake-ups, and also far from it. Ours is
+faster than raw in long calls because a sixth of a raw step is MuJoCo's own stopwatch, which our twins omit.
+Between calls the physics follows real time, as the tree's deadlines, leases and heartbeats always do. It steps in
+batches of 500, so that a stop does not wait for ten seconds of physics.""",
     ground="mj_step behind a socket",
     short=False,
 )

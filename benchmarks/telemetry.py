@@ -16,7 +16,7 @@ def side(who: str, peer: str = "") -> Side:
 
 QUESTION = Question(
     name="telemetry",
-    title="Robots on one machine, each telling its state ten times a second",
+    title="Robots on one machine, each publishing its state ten times a second",
     sides={
         "ours": side("ours"),
         "strands-robots": side("strands", "strands"),
@@ -28,14 +28,16 @@ QUESTION = Question(
         Goal("robots_per_core", "strands-robots", at_least=5.0),  # the short form starts two
         Goal("threads_per_robot", "", at_most=0.0),
     ),
-    limit="""The processor: each of our robots is two processes that look at deadlines, and beat, 100 times a
-second, whether it moves or not, 6 to 9 % of a core and 35 to 49 MB, two fifths of it waking up (epoll in the
-flame graph); each of the reference's is 15 threads of the caller that do nothing between their ten states a
-second, 2 to 3 %. Nobody watches those: 48 to 64 of them, the most that are started here, still tell in time.
-Five times as many robots would leave each of ours 0.6 to 0.8 % of a core. `two empty ticks each` is what two
-processes cost that only wake 100 times a second and do nothing, reckoned to a whole core: that alone misses the
-goal. So it is out of reach of a tree of processes that see each other's death within 50 ms; no thread of the
-caller is what that gives.""",
+    limit="""The processor. Each of our robots is two processes that check deadlines and send beats 100 times a
+second, whether the robot moves or not: 6 to 9 % of a core and 35 to 49 MB. Two fifths of that is waking up (epoll
+in the flame graph). Each of the reference's robots is 15 threads of the caller that are idle between their ten
+states a second: 2 to 3 %. No process monitors those threads. 48 to 64 of them, the most that are started here,
+still send their states in time.
+
+Five times as many robots would leave 0.6 to 0.8 % of a core for each of ours. `two empty ticks each` is the cost
+of two processes that only wake up 100 times a second, scaled to a whole core: that alone misses the goal. So a
+tree of processes that notice each other's death within 50 ms cannot reach it, and threads of the caller do not
+give that protection.""",
     ground="two empty ticks each",
     rounds=1,
 )

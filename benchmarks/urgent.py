@@ -14,6 +14,7 @@ QUESTION = Question(
     },
     goals=(Goal("urgent_p50_us", "", at_most=70.0),),
     limit=(
-        "The handler that runs (20 µs), and at most a turn of 200 µs when the sender is a task of the same loop."
+        """The handler that runs (20 µs), and at most a turn of 200 µs when the sender is a task of the same
+loop."""
     ),
 )

@@ -23,25 +23,29 @@ TIMEOUT_S = 240.0
 TRIES = 3
 
 
-LIMIT = """Ours is one process more on the way than a client in the caller's own thread: the command crosses
-from the caller to the wire process and through its gates (see `setpoint`), about 1 ms. What that buys: killed
-or computing, a client's process stops nothing. What the figures do not show: a client's call blocks its own
-thread, so that a script of one thread stops when its last command has been answered, and no sooner; here every
-command that is stopped has a thread of its own, and the stop comes 50 ms after it was begun, which is kind to
-the clients. Wire, root and twin run before ordinary programs, as they do for users who grant it; the caller of
-either side does not. Goals are the bounds that the drivers publish; of a twin that goes on, that of a link that
-is back. A Reachy's stop waits 30 ms for the answer to a command that is on its way, which it must not overtake,
-and then takes a new WebSocket, whose handshake is answered 300 ms late, too: with a daemon as late as this it
-misses the bound, as does REST, which has to ask what runs. `frozen stop` is from when the twin goes on, `frozen
-call` from the call until it came back, with the twin frozen for 1 s: ours says what was confirmed and what not,
-roslibpy's has published and knows nothing. Stops are not alike: ours of a Crazyflie is a landing and cflib's a
-hover; ours of a Stretch stops every board and its client's the lift; panda's and fr3's clients ask for
-StopMove. Setpoints of panda and fr3 are from the call to the request to move (panda-python clears errors
-before), of a Kinova to the first speeds that are new, of an iiwa to the next answer that the controller asks
-for, every 10 ms. `wire` is the process that has the wire, `all` that and root, standby and caller; of a client
-the script with the client in it. Shares are of one core at the control rate, of panda and fr3 during a motion
-at 1 kHz, in steps of 0.3 %. Ours reads and publishes the robot's state meanwhile, the clients read what they
-read by themselves."""
+LIMIT = """Ours has one process more on the path than a client in the caller's own thread. The command crosses
+from the caller to the wire process and through its gates (see `setpoint`), about 1 ms. The benefit: a client's
+process that is killed or busy computing stops nothing.
+
+The figures do not show that a client's call blocks its own thread, so a script of one thread stops only when its
+last command has been answered. Here every command that is stopped has its own thread, and the stop comes 50 ms
+after the command began, which favours the clients. Wire, root and twin run with a higher priority than ordinary
+programs, as for users who grant it; the caller of either side does not. Goals are the bounds that the drivers
+publish; for a twin that goes on after a freeze, the bound of a link that is back.
+
+A Reachy's stop waits 30 ms for the answer to a command that is on its way, because it must not overtake it. Then
+it opens a new WebSocket, whose handshake is answered 300 ms late, too. With a daemon as late as this it misses
+the bound. So does REST, which has to ask for the running moves. `frozen stop` is measured from when the twin goes
+on, `frozen call` from the call until it came back, with the twin frozen for 1 s. Ours reports which robots are
+confirmed; roslibpy's only publishes.
+
+Stops differ: ours of a Crazyflie is a landing and cflib's a hover; ours of a Stretch stops every board and its
+client's the lift; panda's and fr3's clients ask for StopMove. Setpoints of panda and fr3 are measured from the
+call to the request to move (panda-python clears errors before). Those of a Kinova are measured to the first
+speeds that are new, those of an iiwa to the next answer that the controller asks for, every 10 ms. `wire` is the
+process that has the wire, `all` that and root, standby and caller; for a client it is the script with the client
+in it. Shares are of one core at the control rate, of panda and fr3 during a motion at 1 kHz, in steps of 0.3 %.
+Ours reads and publishes the robot's state meanwhile; the clients read only what they read by themselves."""
 
 
 @dataclass(frozen=True)
