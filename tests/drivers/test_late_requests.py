@@ -39,10 +39,10 @@ LATE = 0.9
 async def stopped(
     driver: Driver, channel: StopChannel, state: SafeState, late: Callable[[], None]
 ) -> tuple[float, tuple[MotorReport, ...]]:
-    """Stop by the channel as the root does after the end of a wire that has asked for something.
+    """Stop through the channel, as the root does after the end of a wire process with a pending request.
 
     Returns:
-        How long it took until the stop was reported, and the report.
+        Seconds until the stop was reported, and the report.
     """
     owed, clock, began_s = Owed(), VirtualClock(), trio.current_time()
     owed.ask(round(driver.late_s * NS))

@@ -1,4 +1,4 @@
-"""The twin's computer and body, on a clock of the test's own."""
+"""Test the twin's computer and body. The test controls the clock."""
 
 from __future__ import annotations
 
