@@ -41,7 +41,7 @@ CONFIG = """
 
 
 def command_image(cdr: bytes) -> bytes:
-    """The C struct of a LowCmd: the padding that CDR leaves out before the first motor."""
+    """Return the C struct of a LowCmd, with the padding that CDR leaves out before the first motor."""
     return cdr[0:2] + bytes(2) + cdr[2:3] + bytes(3) + cdr[4:]
 
 
