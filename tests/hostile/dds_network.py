@@ -160,7 +160,7 @@ class Network(MemoryNetwork):
             server.close()
 
 
-# -- what a datagram says
+# -- contents of a datagram
 
 
 def said(*parts: bytes) -> bytes:

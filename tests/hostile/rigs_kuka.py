@@ -140,7 +140,7 @@ RIGS: Mapping[str, Rig] = {
             Situation.ROOT_ENDS: 0.01,
             # There is no message to answer, so the last one is answered again.
             Situation.SILENT: 0.025,
-            # The root has heard none yet. The first one says whom to answer.
+            # The root has received no message yet. The first one has the address for the answer.
             Situation.WIRE_ENDS: 0.03,
         },
     ),

@@ -84,7 +84,8 @@ def test_in_custom_mode_it_sends_no_frame(tmp_path: Path) -> None:
         async def twice(channel: BoosterStopChannel) -> Reports:
             await channel.make_safe("stop")
             await trio.sleep(0.5)
-            return await channel.make_safe("stop")  # now it knows from the beginning who controls the arms
+            # now it knows the mode, and so the owner of the arms, from the beginning
+            return await channel.make_safe("stop")
 
         reports = with_channel(served, twice)
         assert all(report.safe for report in reports), "nothing comes of a Move there"

@@ -424,7 +424,7 @@ def test_saf_009_a_stop_during_a_hand_over_wins(robot: T1) -> None:
     assert "resume() first" in why(robot.robot.send_action({"left_elbow_pitch": 0.0}))
 
 
-# -- where it is, and what it is called
+# -- its address and its name
 
 
 def test_a_robot_with_a_name_has_topics_of_its_own(tmp_path: Path, run_dir: Path) -> None:

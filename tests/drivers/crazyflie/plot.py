@@ -38,7 +38,7 @@ def fly(roles: tuple[str, ...]) -> Track:
         victims = [pids(cf.robot)[role] for role in roles]
         began_ns = time.monotonic_ns()
         for pid in victims:
-            os.kill(pid, signal.SIGSTOP)  # stopped first, so that none notices another's end
+            os.kill(pid, signal.SIGSTOP)  # stopped first, so that no process notices another's end
         for pid in victims:
             os.kill(pid, signal.SIGKILL)
         time.sleep(AFTER_S + 0.2)

@@ -278,7 +278,7 @@ def test_all_of_us_at_once_leave_it_to_the_firmware(cf: Drone) -> None:
     cf.fly()
     victims = [pids(cf.robot)[role] for role in ("root", "standby", "wire")]
     for pid in victims:
-        os.kill(pid, signal.SIGSTOP)  # stopped first, so that none notices another's end
+        os.kill(pid, signal.SIGSTOP)  # stopped first, so that no process notices another's end
     began_ns = time.monotonic_ns()
     for pid in victims:
         os.kill(pid, signal.SIGKILL)

@@ -58,8 +58,8 @@ def test_a_takeoff_that_loses_its_feed_comes_down(monkeypatch: pytest.MonkeyPatc
 def test_saf_005_a_row_from_before_a_takeoff_drops_no_hover_in_the_air(
     monkeypatch: pytest.MonkeyPatch, delay_s: float
 ) -> None:
-    """It rises faster than its rows arrive. The row that is read when it is up still shows the floor. In the
-    second case that row shows a landing."""
+    """It rises faster than its rows arrive. The row that is read when it is up still shows the floor; on the
+    second takeoff it shows the landing."""
 
     async def script(flight: Flight) -> None:
         notes: list[str] = []

@@ -110,7 +110,7 @@ def test_all_who_could_stop_the_arm_are_killed_and_the_firmware_does(arm: Any, t
     moving(arm)
     victims = [pids(arm)[role] for role in ("root", "wire", "standby")]
     for pid in victims:
-        os.kill(pid, signal.SIGSTOP)  # so that none acts on the end of the others
+        os.kill(pid, signal.SIGSTOP)  # so that no process acts on the end of the others
     for pid in victims:
         os.kill(pid, signal.SIGKILL)
     time.sleep(1.0)

@@ -118,7 +118,7 @@ def test_a_bus_that_falls_silent_is_a_lost_link() -> None:
 
 
 def test_nobody_speaks_and_the_firmware_stops_the_arm() -> None:
-    """SAF-013: all of our processes are gone while a setpoint is under way."""
+    """SAF-013: a setpoint is under way, and all of our processes are gone."""
 
     async def main() -> None:
         rig = await DynamixelRig().armed()

@@ -80,7 +80,7 @@ def here(driver: Driver, joint: str) -> float:
     return observation(driver).position[driver.axes.index(joint)]
 
 
-# -- what is accepted
+# -- accepted commands
 
 
 def test_a_number_is_a_position_with_the_joints_own_gains() -> None:

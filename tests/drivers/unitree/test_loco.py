@@ -271,7 +271,7 @@ def test_saf_021_a_stop_that_is_refused_counts_only_of_a_robot_that_rests(
     on(world, act)
 
 
-# -- what is refused, and is not written
+# -- refusals, which are not written
 
 
 @pytest.mark.parametrize(

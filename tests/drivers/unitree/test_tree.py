@@ -387,7 +387,7 @@ def test_saf_014_the_others_are_refused_until_released(tmp_path: Path, kind: str
         told = json_of(robot.robot.send_action({joint: rad}))
         assert told["sport_mode_released"] is True and told["joints"] == [joint] and len(told["slots"]) == 1
         until(lambda: bool(robot.log.host("setpoint")), "the accepted command")
-        assert not robot.log.host("garbled")  # frames of its own family
+        assert not robot.log.host("garbled")  # frames of its family
 
 
 def test_the_verb_is_refused_while_the_robot_is_locked_or_moved(tmp_path: Path) -> None:
@@ -418,8 +418,8 @@ def test_what_connecting_says(tmp_path: Path) -> None:
 
 
 def test_a_stop_of_a_robot_that_stands_by_itself(tmp_path: Path) -> None:
-    """The robot accepts none of our commands. The frames leave all the same, and the report names the mode that
-    has control."""
+    """The robot ignores our commands. The frames leave all the same, and the report names the mode that has
+    control."""
     with legs(tmp_path, "unitree_go2") as go2:
         answer = go2.robot.stop()
         assert answer["status"] == "success", answer  # type: ignore[index]

@@ -66,7 +66,7 @@ def test_saf_011_a_joint_that_is_not_named_stays_whichever_way_it_turns() -> Non
 
 
 def test_the_twin_reports_its_servos_and_knows_nothing_of_signs() -> None:
-    """As on a robot, every client receives its topic."""
+    """As on a robot, whose topic every client receives, the positions have no signs."""
 
     async def test() -> None:
         world = World(driver={"joint_signs": SIGNS})
