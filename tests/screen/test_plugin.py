@@ -48,7 +48,7 @@ def test_a_robot_of_theirs(strands_robot: Callable[..., tuple[RealRobot, Twin]])
     assert [entry.safe_state for entry in twin.log.host("safe")] == ["limp"]
 
 
-# -- what the log is asked
+# -- queries of the log
 
 SETPOINT, SAFE, READ = (
     '{"t_ns": %d, "from": "host", "kind": "' + kind + '", "hex": "01"}\n' for kind in ("setpoint", "safe", "read")
