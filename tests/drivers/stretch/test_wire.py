@@ -170,7 +170,7 @@ def test_nothing_is_armed_while_the_robot_sets_its_runstop_by_itself(alert: p.St
         await wire.open()
         assert (await wire.read()).sensors[sensor] == (0.0,)
         rig.world.set_alert(alert, True)
-        rig.world.set_runstop(False)  # releasing it has no effect yet
+        rig.world.set_runstop(False)  # releasing it has no effect
         with pytest.raises(WireDown, match=why):
             await wire.arm(Permission())
         sensors = (await wire.read()).sensors
