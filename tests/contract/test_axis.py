@@ -1,4 +1,4 @@
-"""Axes as data: parsing, the first target, and the gates that follow from the table."""
+"""Test axes: parsing of actions, the first target, and the gates that are derived from the table."""
 
 from __future__ import annotations
 
@@ -87,7 +87,8 @@ def test_saf_014_past_its_range() -> None:
     refused = gate(Candidate((2.5, 0.0, 0.0, 0.0), (0,)), state())
     assert isinstance(refused, Refused)
     assert refused.text == "joint1 2.5000 rad is past 2.0000. stay within -2.0000..2.0000"
-    assert gate(Candidate((2.5, 0.0, 0.0, 0.0), (1,)), state()) is None  # only what the action names
+    # the gate checks only axes that the action names
+    assert gate(Candidate((2.5, 0.0, 0.0, 0.0), (1,)), state()) is None
     assert gate(Candidate((math.nan, 0.0, 0.0, 0.0), (0,)), state()) is not None
 
 
@@ -119,13 +120,13 @@ def test_saf_014_a_stream_steps_as_far_as_the_axis_moves() -> None:
     assert "joint1 steps 0.043333 rad in 33.3 ms" in refused.text and refused.limit == "0.0400"
     after_a_pause = state(stream=True, period_s=1 / 30, since_ns=5 * 10**9)
     assert gate(Candidate((0.1 + 0.13, 0.2, 0.0, 0.0), (0,)), after_a_pause) is not None
-    assert gate(Candidate((5.0, 0.2, 0.0, 0.0), (0,)), state()) is None  # a command on its own may go anywhere
+    assert gate(Candidate((5.0, 0.2, 0.0, 0.0), (0,)), state()) is None  # a single command has no step limit
     assert gate(Candidate((0.1, 0.2, 99.0, 0.0), (2,)), at_30_hz) is None  # no acceleration limit declared
 
 
 def test_saf_014_a_pause_can_count_for_nothing() -> None:
-    """For a controller that goes to each target in one period, however long ago the last one
-    was."""
+    """A controller may go to each target within one period, however old the last target is. The step limit then
+    does not grow during a pause."""
     after_a_pause = state(stream=True, period_s=0.008, since_ns=5 * 10**9)
     step = Candidate((0.1 + 0.05, 0.2, 0.0, 0.0), (0,))
     assert too_fast(TABLE, longest_s=0.1)(step, after_a_pause) is None
@@ -174,7 +175,7 @@ def test_saf_014_a_joint_that_is_past_its_end_may_be_held_there_or_brought_back(
             assert gate(Candidate((end * value, 0.2, 0.0, 0.0), (0,)), stands) is None, value
         assert gate(Candidate((end * 2.06, 0.2, 0.0, 0.0), (0,)), stands) is not None
         assert gate(Candidate((end * -2.01, 0.2, 0.0, 0.0), (0,)), stands) is not None  # the other end
-        # Coming back, what was observed a moment ago is a little further out than the joint is now.
+        # The last observation may lie a little further out than the joint is now.
         comes_back = beyond(end * 2.01, end * 2.05)
         assert gate(Candidate((end * 2.04, 0.2, 0.0, 0.0), (0,)), comes_back) is None
         assert gate(Candidate((end * 2.051, 0.2, 0.0, 0.0), (0,)), comes_back) is not None

@@ -1,4 +1,4 @@
-"""Constructor keywords as a struct."""
+"""Test the conversion of constructor keywords into a struct."""
 
 from __future__ import annotations
 

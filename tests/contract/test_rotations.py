@@ -1,4 +1,4 @@
-"""Rotations."""
+"""Test the conversions of rotations."""
 
 from __future__ import annotations
 

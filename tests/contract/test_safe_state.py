@@ -1,4 +1,4 @@
-"""Safe states have an order, and a table of fallbacks is complete or does not load."""
+"""Test that safe states are ordered, and that an incomplete table of fallbacks does not load."""
 
 from __future__ import annotations
 

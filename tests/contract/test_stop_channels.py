@@ -1,4 +1,4 @@
-"""The ready-made kinds of stop channel, each with a robot in memory, in virtual time."""
+"""Test each ready-made kind of stop channel on a robot in memory, in virtual time."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ Reports = tuple[MotorReport, ...]
 
 
 class Robot:
-    """What its channels opened, and what became of it."""
+    """A robot in memory, with the ports that its channels opened."""
 
     def __init__(self) -> None:
         self.ports: list[Port] = []

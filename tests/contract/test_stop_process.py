@@ -1,5 +1,4 @@
-"""A stop channel in a process of its own: whatever the SDK does there, the root gets an answer in
-time."""
+"""Test a stop channel in a separate process: whatever the SDK does there, the root gets an answer in time."""
 
 from __future__ import annotations
 
@@ -30,7 +29,7 @@ HEARD_S = 5.0
 
 class Channel(OwnProcess[VendorConfig]):
     CHANNEL: ClassVar[str] = "tests.contract.vendor:VendorStopChannel"
-    START_S: ClassVar[float] = PATIENCE_S  # a busy machine
+    START_S: ClassVar[float] = PATIENCE_S  # for a busy machine
     ANSWER_S: ClassVar[float] = 1.0
 
     def failed(self, why: str) -> tuple[MotorReport, ...]:
@@ -38,13 +37,13 @@ class Channel(OwnProcess[VendorConfig]):
 
 
 class Patient(Channel):
-    """One that is late on a busy machine is not taken for a frozen one."""
+    """A channel that does not take a child for frozen when it is late on a busy machine."""
 
     HEARD_S: ClassVar[float] = PATIENCE_S
 
 
 class Folder:
-    """What the SDK is told to do, and what it notes."""
+    """The files that order the SDK of ``vendor.py``, and its notes."""
 
     def __init__(self, path: Path) -> None:
         self.path = path
@@ -53,7 +52,7 @@ class Folder:
         (self.path / what).touch()
 
     def notes(self, what: str) -> list[int]:
-        """Return the processes that have noted it."""
+        """Return the pids of the processes that have noted it."""
         try:
             lines = (self.path / "notes").read_text().splitlines()
         except FileNotFoundError:
@@ -112,7 +111,7 @@ def test_what_the_sdk_reports_is_the_answer_and_the_sdk_stays_out_of_the_root(tm
 
 
 def test_saf_003_it_runs_before_other_programs_where_that_is_granted(tmp_path: Path) -> None:
-    """It is what makes the robot safe when the wire cannot: on a busy machine, too."""
+    """This process makes the robot safe when the wire process cannot. It must also run on a busy machine."""
 
     async def test(channel: Channel, folder: Folder) -> None:
         await channel.make_safe("stop")
@@ -179,7 +178,7 @@ def test_saf_010_an_sdk_that_hangs_in_an_order_nobody_waits_for_is_killed_by_the
 
 
 async def cancelled(channel: Channel, folder: Folder, noted: str) -> None:
-    """Ask, and wait no longer when the child has noted this."""
+    """Send a stop, and cancel the call as soon as the child has noted ``noted``."""
     async with trio.open_nursery() as nursery:
         nursery.start_soon(channel.make_safe, "stop")
         await folder.until(noted)
@@ -190,7 +189,7 @@ Served = Callable[[Channel, Folder, list[int]], Awaitable[None]]
 
 
 def with_two_ready(tmp_path: Path, test: Served, kind: type[Channel] = Channel) -> None:
-    """``test`` is given the children that stand ready, the one to ask first in front."""
+    """Run ``test`` with the pids of the two ready children. The channel asks the first of them first."""
 
     async def served(channel: Channel, folder: Folder) -> None:
         async with trio.open_nursery() as nursery:
@@ -236,7 +235,7 @@ def test_saf_016_the_second_one_acts_at_once_when_the_first_is_dead_frozen_or_ha
         assert all(report.safe for report in await channel.make_safe("stop"))
         assert folder.notes("stop") == [second], "it was there before: no import was waited for"
         assert set(folder.notes("began")) == set(ready), "nor was another one begun for it"
-        await gone(first)  # a frozen one that is continued writes nothing
+        await gone(first)  # a frozen process that is continued writes nothing
 
     with_two_ready(tmp_path, test)
 
@@ -244,7 +243,7 @@ def test_saf_016_the_second_one_acts_at_once_when_the_first_is_dead_frozen_or_ha
 def test_saf_016_an_order_that_was_cancelled_and_not_acknowledged_is_given_to_the_second_one(
     tmp_path: Path,
 ) -> None:
-    """As a guardian does: one order before the fence, another after it."""
+    """A guardian does this: it sends one order before the fence and another after it."""
 
     async def test(channel: Channel, folder: Folder, ready: list[int]) -> None:
         first, second = ready
@@ -255,7 +254,7 @@ def test_saf_016_an_order_that_was_cancelled_and_not_acknowledged_is_given_to_th
             await channel.make_safe("hold")
         assert all(report.safe for report in await channel.make_safe("stop"))
         assert folder.notes("stop") == [second]
-        # An unanswered look at the first one gives "hold" to the second one, too: before "stop".
+        # If the first child does not answer a check, the second one may get "hold", too, but before "stop".
         assert folder.notes("hold") in ([], [second])
         assert (folder.path / "notes").read_text().endswith(f"{second} stop\n")
 
@@ -263,8 +262,8 @@ def test_saf_016_an_order_that_was_cancelled_and_not_acknowledged_is_given_to_th
 
 
 def test_saf_016_one_that_has_answered_the_last_look_is_not_silent() -> None:
-    """Its answer waits in the socket until the next look. A stop comes before that, and its own answer
-    after."""
+    """The answer of a child waits in the socket until the next check. A stop comes before that check, and is
+    answered after it."""
 
     class Late(MonotonicClock):
         ahead_ns = 0
@@ -295,7 +294,7 @@ def test_saf_016_one_that_has_answered_the_last_look_is_not_silent() -> None:
 
 
 def test_saf_016_when_the_first_is_dead_and_the_second_frozen_another_one_acts(tmp_path: Path) -> None:
-    """The last one is given its time only where it runs: here that would be for ever."""
+    """The channel waits for the last child only if that child runs. Here it would wait for ever."""
 
     class Endless(Channel):
         ANSWER_S: ClassVar[float] = 3600.0

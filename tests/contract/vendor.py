@@ -1,7 +1,7 @@
-"""A stop channel on a vendor's SDK that hangs, for the tests of one in a process of its own.
+"""A stop channel on a vendor's SDK that can hang, for the tests of channels in separate processes.
 
-What it does next is said by the files in its folder: ``hang``, ``spin``, ``slow`` and ``crash`` are
-obeyed once, the others always; ``block PID`` by an idle one of that number.
+Files in its folder control it. ``hang``, ``spin``, ``slow`` and ``crash`` are used once, the others on every
+call. ``block PID`` blocks the idle process with this pid.
 """
 
 from __future__ import annotations
@@ -57,7 +57,7 @@ class VendorStopChannel(StopChannel):
             await trio.sleep(3600)
         if (self._folder / "connect").exists():
             try:
-                os.close(os.open(os.devnull, os.O_RDWR))  # as a connection that is made for the stop
+                os.close(os.open(os.devnull, os.O_RDWR))  # like a connection that is opened for the stop
             except OSError as error:
                 return tuple(
                     MotorReport(axis, at, False, False, False, str(error)) for at, axis in enumerate(self._axes)

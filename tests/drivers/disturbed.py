@@ -1,4 +1,4 @@
-"""How many disturbed frames a codec is given: 20 000 in the suite, a million by hand."""
+"""The number of disturbed frames for the test of a codec: 20,000 in the suite, a million by hand."""
 
 from __future__ import annotations
 

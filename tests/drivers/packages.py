@@ -1,8 +1,8 @@
-"""Clients of others that cannot be installed beside ours: their module has the name of another's,
-or they want versions of their own.
+"""Run third-party clients that cannot be installed next to our dependencies.
 
-Each is fetched once, checked against a hash, and kept beside the interpreter; a program that
-uses it runs in a process whose path begins there.
+Their module has the name of another package, or they need other versions. Each package is downloaded once,
+checked against a hash, and kept next to the interpreter. A program that uses it runs in a separate process with
+this package first on its path.
 """
 
 from __future__ import annotations
@@ -22,12 +22,12 @@ URX = {
     "urx==0.11.0": "sha256:8ccfb101ec2c424bbbf8c7550819c2d6d9dbaaa693580d55187f0c4e0f900b82",
     "math3d==4.0.0": "sha256:83df636403c97a995fe4e422f34cb1561b44cfbe7aa19350143eb6e0247286c9",
 }
-"""LGPL and GPL, therefore never imported here; without what they draw with."""
+"""LGPL and GPL, so never imported in this process. Their plotting dependencies are left out."""
 
 FTSERVO = {
     "ftservo-python-sdk==2.0.1": "sha256:4d1ae104f1b34f845aaf8483386af0c00bbb83dc3cd33f692ca3200d4d780271",
 }
-"""Its module is called as that of feetech-servo-sdk."""
+"""Its module has the same name as that of feetech-servo-sdk."""
 
 
 UNITREE = {
@@ -40,13 +40,17 @@ UNITREE = {
         )
     ),
 }
-"""Unitree's own client (unitree_sdk2py, BSD), as others publish it: the vendor's wants cyclonedds
-0.10.2, which has no wheels for our interpreters, and this one any."""
+"""Unitree's own client (unitree_sdk2py, BSD), as a third party publishes it. The vendor's version needs
+cyclonedds 0.10.2, which has no wheels for our interpreters. This one accepts any version."""
 
 
 def run_with(packages: Mapping[str, str], program: str, *arguments: str, timeout_s: float = 120.0) -> str:
-    """What a program prints that runs with these packages first. Raise ``AssertionError`` with all
-    it said when it fails, ``RuntimeError`` when a package cannot be had."""
+    """Run a program with these packages first on its path, and return its output.
+
+    Raises:
+        AssertionError: The program failed. The text is its whole output.
+        RuntimeError: A package is not available.
+    """
     command, environment = _command(packages, program, *arguments)
     ran = subprocess.run(command, capture_output=True, text=True, timeout=timeout_s, env=environment)
     assert ran.returncode == 0, ran.stdout + ran.stderr
@@ -55,8 +59,11 @@ def run_with(packages: Mapping[str, str], program: str, *arguments: str, timeout
 
 @contextlib.contextmanager
 def running_with(packages: Mapping[str, str], program: str, *arguments: str) -> Iterator[subprocess.Popen[str]]:
-    """Run a program with these packages first, killed at the end of the block; its output is a pipe.
-    Raise ``RuntimeError`` when a package cannot be had."""
+    """Run a program with these packages first on its path, its output a pipe. Kill it at the end.
+
+    Raises:
+        RuntimeError: A package is not available.
+    """
     command, environment = _command(packages, program, *arguments)
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True, env=environment) as process:
         try:
@@ -85,6 +92,6 @@ def _directory(packages: Mapping[str, str]) -> Path:
             raise RuntimeError(f"cannot fetch {', '.join(packages)}, clients of others: {done.stderr.strip()}")
         try:
             new.rename(kept)
-        except OSError:  # another test was first
+        except OSError:  # another test has already done it
             shutil.rmtree(new)
     return kept

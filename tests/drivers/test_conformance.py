@@ -1,5 +1,5 @@
-"""Every driver keeps what each must, the hardest kill cells on its twin included. Where every cell is
-run (``tests/kill``), they are left out here."""
+"""Run the conformance checks of every driver, with the hardest kill cells on its twin. Drivers whose every cell
+runs in ``tests/kill`` skip their kill cells here."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from tests.kill.test_kill import WHOLE
 
 
 def quick(check: Check) -> bool:
-    """Of the kill cells, that in which the stop channel acts."""
+    """Return True for all checks except kill cells. Of those, keep the one in which the stop channel acts."""
     return not check.name.startswith("kill cell") or check.name.endswith("wire-kill")
 
 
@@ -35,7 +35,7 @@ def checks() -> Iterator[object]:
 
 @pytest.fixture(scope="module", autouse=True)
 def benches() -> Iterator[None]:
-    """Where another worker has run the last cell of a driver, or nobody has, this one has its bench still."""
+    """Close this worker's bench, which stays open unless it ran the last cell of its driver."""
     yield
     close_bench()
 

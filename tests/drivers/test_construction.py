@@ -1,5 +1,5 @@
-"""A port or an option that cannot be one is refused when the robot is made, on every wire, with what
-would be accepted; what a robot's page writes is accepted."""
+"""Test that every wire refuses an impossible port or option when the robot is made, and names what it accepts.
+It accepts all examples on the robot's page."""
 
 from __future__ import annotations
 
@@ -73,7 +73,7 @@ def test_what_is_no_address_is_refused_when_the_robot_is_made(wire: str) -> None
 @pytest.mark.parametrize("wire", SERIAL)
 def test_what_is_no_device_is_refused_when_the_robot_is_made(wire: str, tmp_path: Path) -> None:
     file = tmp_path / "port"
-    file.write_text("/dev/pts/7\n")  # of a twin's --port-file: what is in it was meant
+    file.write_text("/dev/pts/7\n")  # the --port-file of a twin: its content is the port
     for port in (*NO_DEVICE, str(file)):
         with pytest.raises(ValueError, match=r"port is .*(Give the path of a serial device|Leave it out)"):
             Robot(robot_of(wire), mode="real", port=port)

@@ -1,5 +1,7 @@
-"""SAF-021: what the wire process asked for before its end is taken up by the robot after the stop of
-the root. In virtual time, on the controllers of the twins."""
+"""SAF-021: a robot may carry out a late request of a dead wire process after the root's stop.
+
+The tests run on the twins' controllers, in virtual time. They check that the stop still counts.
+"""
 
 from __future__ import annotations
 
@@ -31,16 +33,16 @@ from tests.drivers.spot.rig import World as SpotWorld
 from tests.drivers.xarm.rig import World as XArmWorld
 
 LATE = 0.9
-"""When the robot takes a request up, as a share of the longest time that its driver declares."""
+"""When the robot carries a request out, as a share of the longest delay that its driver declares."""
 
 
 async def stopped(
     driver: Driver, channel: StopChannel, state: SafeState, late: Callable[[], None]
 ) -> tuple[float, tuple[MotorReport, ...]]:
-    """Stop by the channel as the root does after the end of a wire that has asked for something.
+    """Stop through the channel, as the root does after the end of a wire process with a pending request.
 
     Returns:
-        How long it took until the stop was reported, and the report.
+        Seconds until the stop was reported, and the report.
     """
     owed, clock, began_s = Owed(), VirtualClock(), trio.current_time()
     owed.ask(round(driver.late_s * NS))
@@ -135,7 +137,7 @@ def test_saf_021_a_spot_refuses_what_it_takes_up_after_its_estop_was_asserted() 
         await estop.heard(checked_in)
 
         def ask_late() -> None:
-            estop.say(spot.StopLevel.NONE)  # its challenge is that of before the stop
+            estop.say(spot.StopLevel.NONE)  # its challenge dates from before the stop
             session.ask("PowerCommand", {"lease": lease.use(), "request": spot.POWER_ON})
             session.ask("RobotCommand", {"lease": lease.use(), "command": spot.stand()})
 

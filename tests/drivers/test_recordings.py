@@ -1,5 +1,5 @@
-"""What a robot of each wire was asked, told and read in a recording is decided anew by the same gate
-and watchdog, with equal answers: commands, refusals, what is its own, a stop."""
+"""Replay a recording of a robot on each wire: gate and watchdog decide again, with equal results. It covers
+commands, refusals, the wire's own services and a stop."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from tests.trees import connected
 
 
 class Deeds(NamedTuple):
-    """What is done with a robot before and after a stop."""
+    """The calls on a robot before and after a stop."""
 
     before: Callable[[RealRobot, Twin], None]
     afterwards: dict[str, Any]  # a command
@@ -107,7 +107,7 @@ def yahboom(m3: RealRobot, twin: Twin) -> None:
 
 
 def arm(joint: str, past: dict[str, float], trouble: str, over: str) -> Callable[[RealRobot, Twin], None]:
-    """One that its controller stops meanwhile."""
+    """Return the calls for an arm that its controller stops in between."""
 
     def deeds(robot: RealRobot, twin: Twin) -> None:
         here = robot.get_observation()[joint]
@@ -141,8 +141,7 @@ ROBOTS = {
     "xarm7": Deeds(arm("joint1", {"joint4": 4.0}, "error 31", "error 0"), {}),
     "yahboom_m3pro": Deeds(yahboom, {"gripper": -0.5}),
 }
-"""The recordings of other wires are tested where something of theirs is looked at, too: so101's, and
-those of Franka, Kinova and KUKA."""
+"""Other wires have their recordings tested in their own tests: so101, Franka, Kinova and KUKA."""
 
 
 @pytest.mark.quick_cases(1)

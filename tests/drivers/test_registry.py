@@ -1,4 +1,4 @@
-"""Who drives which robot, and how another package, or a script, adds one."""
+"""Test which driver a robot's name selects, and how another package or a script adds a driver."""
 
 from __future__ import annotations
 
@@ -141,7 +141,7 @@ def test_a_robot_that_cannot_be_registered_is_not(name: str, keywords: dict[str,
 
 
 class Half:
-    """A driver class with two members of many."""
+    """A driver class with only two of the required members."""
 
     tool_name = "half"
 
@@ -149,7 +149,7 @@ class Half:
 
 
 class Whole(Half):
-    """Everything but ``start_task``."""
+    """A driver class with all required members except ``start_task``."""
 
     tool_type, tool_spec = "robot", None
 
@@ -215,7 +215,7 @@ class Drifted:
 
 def test_parameters_that_are_not_those_of_the_page_are_named() -> None:
     assert drifted_driver_parameters(Drifted) == {
-        "run_policy": ["n_steps"],  # policy goes by policy_object, too
+        "run_policy": ["n_steps"],  # a policy is also accepted as policy_object
         "send_action": ["action", "robot_name"],
     }
     assert drifted_driver_parameters(Feetech) == {}
@@ -231,8 +231,7 @@ class Theirs(Feetech):
 
 @pytest.fixture
 def packages(registry: None, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Three of other people's are installed: a good one, one that raises and one that is no
-    driver."""
+    """Install three third-party packages: a good driver, one that raises, and one that is no driver."""
     module = ModuleType("their_drivers")
     module.__dict__.update(Theirs=Theirs, Half=Half)
     monkeypatch.setitem(sys.modules, "their_drivers", module)
@@ -241,7 +240,7 @@ def packages(registry: None, monkeypatch: pytest.MonkeyPatch) -> None:
         EntryPoint("good", "their_drivers:Theirs", group),
         EntryPoint("gone", "no_such_module:Driver", group),
         EntryPoint("half", "their_drivers:Half", group),
-        EntryPoint("feetech", "their_drivers:Half", group),  # no way to take a built-in wire's place
+        EntryPoint("feetech", "their_drivers:Half", group),  # a package cannot replace a built-in wire
     ]
     monkeypatch.setattr(importlib.metadata, "entry_points", lambda group: points)
     for name in REGISTRY:
@@ -263,7 +262,7 @@ def test_another_packages_driver_is_found_and_a_broken_one_is_told_and_survived(
     assert [str(warning.message) for warning in told] == [
         f"driver {name} cannot be used: {why}" for name, why in sorted(broken.items())
     ]
-    assert list_native_drivers() == listed  # told once
+    assert list_native_drivers() == listed  # the warning appears once
 
 
 THEIRS = """

@@ -1,4 +1,4 @@
-"""What the suite must know of a wire, and how a robot in memory is put together."""
+"""Define the data that the suite needs of a wire, and how a robot in memory is assembled."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from strands_actors.kernel.clock import Clock
 from .peer import Change, Flood, HostilePeer
 
 Log = list[tuple[float, str]]
-"""What the robot took: when (s), and what it was in the words of the wire log."""
+"""Messages that the robot received: time (s) and kind, in the words of the wire log."""
 
 
 class Bench(NamedTuple):
@@ -26,46 +26,46 @@ class Bench(NamedTuple):
 
 
 class Situation(enum.StrEnum):
-    """What a moving robot is in when it has to stop."""
+    """The fault from which a moving robot has to stop."""
 
     MOVES = "moves"  # nothing is wrong
-    SILENT = "silent"  # it answers no more
+    SILENT = "silent"  # it no longer answers
     RESET = "reset"  # its connections were reset
-    WIRE_ENDS = "wire ends"  # the process of the wire is gone: the root stops the robot
-    ROOT_ENDS = "root ends"  # the root is gone: the process of the wire stops the robot by itself
+    WIRE_ENDS = "wire ends"  # the wire process is gone, and the root stops the robot
+    ROOT_ENDS = "root ends"  # the root is gone, and the wire process stops the robot by itself
 
 
 class Rig(NamedTuple):
-    """What the suite must know of a wire."""
+    """The data that the suite needs of a wire."""
 
     make: Callable[[HostilePeer], Bench]
     action: Callable[[Sequence[float]], dict[str, Any]]
-    """A target near to a position, as an action."""
+    """Return an action that moves the robot near to a position."""
     floods: Mapping[str, Flood] = {}
-    """Words that a peer of this wire may say without an end, by a name."""
+    """Named messages that a peer of this wire may repeat without end."""
     bombs: Mapping[str, Flood] = {}
-    """Words that declare more than the protocol has. Ones follow those that are bytes."""
+    """Named messages that declare a larger size than the protocol allows. Bytes are followed by ones."""
     wrong_ids: Mapping[str, Change] = {}
-    """What puts another number, or another sender, into an answer, by what it is of."""
+    """Named changes that put a wrong number, or a wrong sender, into an answer."""
     understood: tuple[str, ...] = ()
-    """Of ``wrong_ids``, those that leave alone what confirms a stop."""
+    """The ``wrong_ids`` that do not touch the messages by which a stop is confirmed."""
     quick: tuple[str, ...] = ("garbled",)
-    """Kinds of peers that the ordinary run meets, too."""
+    """Kinds of peers that the ordinary run includes."""
     first: tuple[str, ...] = ()
-    """Services that get the robot to where it takes a target."""
+    """Services after which the robot accepts a target."""
     handshake: int = 120
-    """Bytes within which a new connection is reset; of datagrams, how many of them."""
+    """A new connection is reset within this number of bytes (of datagrams: this number of datagrams)."""
     login: str = ""
-    """Why nothing can be written on a connection that is reset before it has answered."""
+    """Why nothing can be written on a connection that is reset before its answer."""
     streams: bool = False
-    """Whether a process of its own writes setpoints until the stop has left."""
+    """True if a separate process writes setpoints until the stop has left."""
     bound_s: float = 0.05
-    """From a stop to the safe frame, behind a peer that is hostile. More than the published bound
-    only for what the fault itself takes: a login, a bus that must be quiet."""
+    """Longest time from a stop to the safe frame with a hostile peer. It exceeds the published bound only by
+    the time that the fault itself takes: a login, a bus that must be quiet."""
     why_longer: str = ""
     latest_s: Mapping[Situation, float] = {}
-    """From a stop to the first safe frame, in seconds, where a robot cannot be told at once. Each with
-    its reason."""
+    """Seconds from a stop to the first safe frame, where a robot cannot be stopped at once. Each entry has its
+    reason."""
 
 
 def on_bench(driver: Driver, wire: Callable[[Clock], Wire], channel: Callable[[Clock], StopChannel]) -> Driver:
@@ -75,7 +75,7 @@ def on_bench(driver: Driver, wire: Callable[[Clock], Wire], channel: Callable[[C
 
 
 def renumbered(at: int, size: int) -> Callable[[bytes], bytes]:
-    """Return a change that adds one to the number of a frame."""
+    """Return a change that adds one to the number in a frame."""
 
     def change(data: bytes) -> bytes:
         number = int.from_bytes(data[at : at + size], "big") + 1

@@ -1,9 +1,9 @@
-"""A socket for datagrams, in memory, whose peer is hostile.
+"""A socket for datagrams in memory, with a hostile peer.
 
-The same changes as of a ``HostileStream``, one datagram at a time. In a flood what one task step
-finds has no end, and each further step first waits ``READ_S``: that is what a flood costs.
+It makes the same changes as a ``HostileStream``, one datagram at a time. In a flood, one task step finds
+datagrams without end. Each further step first waits ``READ_S``, the cost of reading.
 
-A reset means that the robot begins a new session: a datagram knows no connection.
+A datagram has no connection. So a reset means that the robot begins a new session.
 """
 
 from __future__ import annotations
@@ -16,12 +16,11 @@ import trio
 from .peer import HostilePeer, HostileStream
 
 ROOM = 256
-"""Datagrams that a socket keeps for a process that does not read."""
+"""Number of datagrams that a socket keeps for a process that does not read."""
 
 
 class Datagrams:
-    """The two ends of a socket: what has come for the host, and ``receive``, which takes what it
-    sends."""
+    """The two ends of a socket: a queue towards the host, and ``receive``, which takes the host's datagrams."""
 
     def __init__(self, receive: Callable[[bytes], None]) -> None:
         self._receive = receive
@@ -47,7 +46,7 @@ class Datagrams:
         return self._waiting.popleft() if self._waiting else None
 
     def close(self) -> None:
-        """Others may have the same socket."""
+        """Do nothing, because others may use the same socket."""
 
 
 class HostileSocket(HostileStream):
@@ -58,7 +57,7 @@ class HostileSocket(HostileStream):
         self._flooded_in = -1  # the task step that may go on reading a flood
 
     def receive(self) -> bytes | None:
-        """Return a datagram that is there. Never waits."""
+        """Return a waiting datagram, or None. Never wait."""
         if self._parked:
             return self._parked.popleft()
         if self._floods() and self.peer.step != self._flooded_in:
@@ -66,7 +65,7 @@ class HostileSocket(HostileStream):
         return self.read_waiting()
 
     async def readable(self) -> None:
-        """Wait for a datagram. The step that follows finds it."""
+        """Wait for a datagram. The next task step finds it."""
         if not self._parked:
             self._parked.append(await self.read())
         self._flooded_in = self.peer.step

@@ -1,8 +1,8 @@
-"""A robot on a DDS network in memory: the twin's own server, and host participants that hear what a
-hostile peer makes of its datagrams.
+"""A robot on a DDS network in memory: the twin's own server, and host participants with a hostile peer.
 
-A network has no connections that could be reset. In their place a robot falls silent: after
-``reset_after`` datagrams a participant hears nothing of it any more.
+The host participants receive the robot's datagrams as the hostile peer has changed them. A network has no
+connections that could be reset. Instead a robot falls silent: after ``reset_after`` datagrams a participant
+receives nothing more from it.
 """
 
 from __future__ import annotations
@@ -25,11 +25,11 @@ from .peer import HostilePeer, HostileStream
 
 ROBOT, HOST = "127.0.0.9", "127.0.0.1"
 PREFIX = wire_types.VENDOR + bytes(9) + b"\1"
-"""Of the robot's participant, which is opened first."""
+"""The GUID prefix of the robot's participant, which is opened first."""
 
 
 class _Waiting:
-    """The datagrams of one socket, as they came."""
+    """The datagrams of one socket, in the order of arrival."""
 
     def __init__(self, sock: HostSocket) -> None:
         self._sock = sock
@@ -43,27 +43,27 @@ class _Waiting:
         return self._sock.next_datagram()
 
     def close(self) -> None:
-        """The socket itself is closed by its participant."""
+        """Do nothing: the participant closes the socket."""
 
 
 class _Datagrams(HostileStream):
-    """What one socket hears. Nothing tells that nobody speaks any more."""
+    """The datagrams that one socket receives. It does not report that a peer is gone."""
 
     def size_of(self, data: bytes) -> int:
         return 1
 
     def _check(self) -> None:
-        """The socket stays open."""
+        """Do nothing: the socket stays open."""
 
 
 class HostSocket(MemorySocket):
-    """One of a participant of ours."""
+    """A socket of one of our participants."""
 
     def __init__(self, network: Network, address: Address) -> None:
         super().__init__(network, address)
         self._peer = network.peer
         self._stream = _Datagrams(network.peer, _Waiting(self))
-        self._first: bytes | None = None  # that ended the last wait
+        self._first: bytes | None = None  # the datagram that ended the last wait
         self._is_closed = False
 
     def sendmsg(self, parts: Sequence[Any], ancillary: object, flags: int, address: Address) -> int:
@@ -100,7 +100,7 @@ class HostSocket(MemorySocket):
 
 
 class Network(MemoryNetwork):
-    """One robot's network."""
+    """The network of one robot."""
 
     def __init__(self, peer: HostilePeer) -> None:
         super().__init__(lambda *which: (wire_types.discovery_port(*which), wire_types.user_port(*which)))
@@ -121,8 +121,11 @@ class Network(MemoryNetwork):
 
     @contextlib.contextmanager
     def in_place(self, *links: ModuleType) -> Iterator[None]:
-        """Let every participant have its sockets here. ``links``: modules that look up an address of
-        ours."""
+        """Give every participant its sockets on this network.
+
+        Args:
+            links: Modules that look up our own address.
+        """
         readable, closing = trio.lowlevel.wait_readable, trio.lowlevel.notify_closing
 
         async def wait_readable(sock: Any) -> None:
@@ -143,13 +146,13 @@ class Network(MemoryNetwork):
 
     @contextlib.asynccontextmanager
     async def serving(self, server: DdsServer, *links: ModuleType) -> AsyncIterator[None]:
-        """Let the twin's server live on it."""
+        """Run the twin's server on this network."""
         server.clock = VirtualClock()  # type: ignore[assignment]
         with self.in_place(*links):
             server.plug()
             assert server.participant is not None and server.participant.guid_prefix == PREFIX
             for sock in self.sockets.values():
-                sock.on_arrival = server.participant.poll  # a log of what arrives has the time of that
+                sock.on_arrival = server.participant.poll  # so that the log has the time of each arrival
             async with trio.open_nursery() as nursery:
                 nursery.start_soon(server.serve)
                 yield
@@ -157,17 +160,20 @@ class Network(MemoryNetwork):
             server.close()
 
 
-# -- what a datagram says
+# -- contents of a datagram
 
 
 def said(*parts: bytes) -> bytes:
-    """Return a datagram of the robot's."""
+    """Return a datagram from the robot."""
     return messages.header(PREFIX) + b"".join(parts)
 
 
 def in_samples(change: Callable[[bytearray, int], None], writer: bytes = b"") -> Callable[[bytes], bytes]:
-    """Return a change of all samples in a datagram, or those of one writer: ``change(datagram, at)``,
-    ``at`` where the body of its submessage begins."""
+    """Return a change of all samples in a datagram, or of the samples of one writer.
+
+    Args:
+        change: Called as ``change(datagram, at)``, where ``at`` is the start of the submessage's body.
+    """
 
     def changed(datagram: bytes) -> bytes:
         data, at = bytearray(datagram), messages.HEADER_SIZE
@@ -183,7 +189,7 @@ def in_samples(change: Callable[[bytearray, int], None], writer: bytes = b"") ->
 
 DATA = 0x15
 WRITER_AT, SEQUENCE_AT, PAYLOAD_AT = 8, 16, 24
-"""In the body of a sample: 4 bytes of its payload say how it is encoded."""
+"""Offsets in the body of a sample. The payload begins with 4 bytes that name its encoding."""
 
 
 def replaced(at: int, new: bytes) -> Callable[[bytearray, int], None]:

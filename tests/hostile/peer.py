@@ -1,12 +1,12 @@
-"""A robot whose words cannot be relied on, in virtual time.
+"""A robot with hostile output, in virtual time.
 
-A ``HostileStream`` stands between a wire and the twin's end of a connection in memory. What the
-host writes reaches the twin. What comes back is changed from ``HostilePeer.begin`` on, on every
-connection, those that are opened later included.
+A ``HostileStream`` stands between a wire and the twin's end of a connection in memory. The host's bytes reach
+the twin. The twin's bytes are changed from ``HostilePeer.begin`` on, on every connection, also on those that
+are opened later.
 
-Time is simulated, and so is what reading costs: an ``await read()`` takes ``READ_S``. A read that
-does not wait costs nothing, so a loop of such reads is caught by counting: one task step that takes
-more than ``STEP_BYTES`` or ``STEP_READS`` raises ``Endless``, which nothing in the product catches.
+Time is simulated, and so is the cost of reading: an ``await read()`` takes ``READ_S``. A read that does not
+wait costs nothing, so a loop of such reads is caught by counting. One task step that takes more than
+``STEP_BYTES`` or ``STEP_READS`` raises ``Endless``, which nothing in the product catches.
 """
 
 from __future__ import annotations
@@ -25,23 +25,23 @@ from strands_actors.contract.wire import WireDown
 from strands_actors.drivers.common.twin import ClientGone
 
 READ_S = 0.005
-"""What it costs to take in one read of a flood: 0.2 MB/s, on a slow computer."""
+"""Time of one read in a flood: 0.2 MB/s, on a slow computer."""
 CHUNK = 1024
 STEP_BYTES = 512 * 1024
 STEP_READS = 320
-"""Of one task step. A turn takes 64 reads or 64 kB at most, on each of two or three connections."""
+"""Limit of one task step. A turn takes 64 reads or 64 kB at most, on each of two or three connections."""
 TAKEN_S = 0.001
-"""For a robot that goes on to take up what waits in one connection."""
+"""Time in which a thawed robot reads the waiting messages of one connection."""
 TRUE_EVERY = 8
-"""In a flood, after so many reads the robot's own words come through."""
+"""In a flood, each read of this number returns the robot's own bytes."""
 
 Change = Callable[[bytes], bytes]
 Flood = bytes | Callable[[int], bytes]
-"""Words, or what makes the words of each number."""
+"""A message to repeat, or a function that returns the message of each number."""
 
 
 class Endless(BaseException):
-    """One task step has read without an end."""
+    """One task step reads without end."""
 
 
 class Steps(trio.abc.Instrument):
@@ -55,19 +55,19 @@ class Steps(trio.abc.Instrument):
 
 
 class HostilePeer:
-    """What is done to the words of one robot. All of its connections share it."""
+    """The changes to the output of one robot. All of its connections share them."""
 
     def __init__(self, steps: Steps, seed: int = 1) -> None:
         self.rng = random.Random(seed)
         self.kind = ""
-        self.flood: Flood = b""  # repeated without an end
-        self.chunk = CHUNK  # bytes of it that come at once; 0: it is one datagram
-        self.word: Flood = b""  # one datagram of it
+        self.flood: Flood = b""  # repeated without end
+        self.chunk = CHUNK  # bytes of the flood in one read; 0: one datagram
+        self.word: Flood = b""  # the flood's content in one datagram
         self.change: Change = bytes
-        self.deaf = False  # what the host writes is garbled, too
-        self.reset_after = math.inf  # bytes that a new connection says before it is reset
-        self.writes = 0  # since ``begin``
-        self.frozen = False  # what the host writes waits, on each connection
+        self.deaf = False  # True: the host's bytes are garbled, too
+        self.reset_after = math.inf  # bytes from the robot before a new connection is reset
+        self.writes = 0  # number of writes since ``begin``
+        self.frozen = False  # True: the host's bytes wait, on each connection
         self._steps = steps
         self._step = -1
         self._bytes = self._reads = 0
@@ -83,13 +83,13 @@ class HostilePeer:
         self._wake()
 
     def end(self) -> None:
-        """Let it be an honest robot again. Its old connections are of no more use: they are reset."""
+        """Make the robot honest again, and reset its old connections, which are useless now."""
         self.kind, self.flood, self.word, self.change, self.deaf = "", b"", b"", bytes, False
         self.reset_after = math.inf
         self.reset()
 
     def reset(self) -> None:
-        """End every connection that there is."""
+        """Reset every open connection."""
         for stream in self._streams:
             stream.gone = True
         self._wake()
@@ -97,24 +97,27 @@ class HostilePeer:
 
     @property
     def waiting(self) -> int:
-        """Return how many writes wait to be read by a frozen robot."""
+        """Return the number of writes that a frozen robot has not read yet."""
         return sum(len(stream.held) for stream in self._streams)
 
     def freeze(self) -> None:
-        """Read nothing and say nothing until ``thaw``."""
+        """Read nothing and send nothing until ``thaw``."""
         self.frozen = True
         for stream in self._streams:
             stream.is_known = True
 
     async def thaw(self, newest_first: bool) -> None:
-        """Read what waits, one connection after the other: those that the robot knew in either order,
-        then those that it has still to accept."""
+        """Read the waiting bytes, one connection after the other.
+
+        Connections that the robot had accepted come first, in the given order. Those that it still has to
+        accept follow.
+        """
         known = [stream for stream in self._streams if stream.is_known]
         for stream in [*(reversed(known) if newest_first else known), *self._streams]:
             if stream.thaw():
                 await trio.sleep(TAKEN_S)
         self.frozen = False
-        for stream in self._streams:  # what was written meanwhile
+        for stream in self._streams:  # those that were written to in the meantime
             stream.thaw()
 
     def garble(self, data: bytes) -> bytes:
@@ -122,11 +125,15 @@ class HostilePeer:
 
     @property
     def step(self) -> int:
-        """Return the number of the task step that runs."""
+        """Return the number of the running task step."""
         return self._steps.count
 
     def count(self, size: int) -> None:
-        """Note a read that did not wait. Raise ``Endless``."""
+        """Count a read that did not wait.
+
+        Raises:
+            Endless: The task step has read too much.
+        """
         if self._step != self._steps.count:
             self._step, self._bytes, self._reads = self._steps.count, 0, 0
         self._bytes += size
@@ -140,7 +147,7 @@ class HostilePeer:
 
 
 class HostileStream:
-    """Between a wire and a stream in memory: bytes of a connection, or packets of a link."""
+    """A changed stream between a wire and a stream in memory: bytes of a connection, or packets of a link."""
 
     def __init__(self, peer: HostilePeer, inner: Any) -> None:
         self.peer = peer
@@ -152,8 +159,8 @@ class HostileStream:
         self._heard = self._flooded = 0
         self._halved = False
         self._fd = -1
-        self.is_known = False  # by a robot that is frozen
-        self.held: list[bytes] = []  # what waits to be read by it
+        self.is_known = False  # the frozen robot had accepted it
+        self.held: list[bytes] = []  # bytes that a frozen robot has not read yet
         self._is_closed = False
         peer.join(self)
 
@@ -168,7 +175,7 @@ class HostileStream:
             self._write(data)
 
     def thaw(self) -> bool:
-        """Hand over what waits; return whether anything did."""
+        """Deliver the waiting bytes. Return True if there were any."""
         held, self.held = self.held, []
         try:
             for data in held:
@@ -182,7 +189,7 @@ class HostileStream:
     def _write(self, data: bytes) -> None:
         try:
             self.inner.write(self.peer.garble(data) if self.peer.deaf else data)
-        except ClientGone:  # the robot hangs up on who cannot be understood
+        except ClientGone:  # the robot closes a connection that it cannot decode
             self.gone = True
 
     async def read(self) -> bytes:
@@ -228,7 +235,7 @@ class HostileStream:
             self._scope.cancel()
 
     def fileno(self) -> int:
-        """Return a descriptor that can be handed over. Nobody reads or writes it."""
+        """Return a descriptor that can be passed on. No process reads or writes it."""
         if self._fd < 0:
             self._fd = os.open(os.devnull, os.O_RDWR)
         return self._fd
@@ -239,7 +246,7 @@ class HostileStream:
         self._end()
 
     def close(self) -> None:
-        if not self.held:  # else a robot that is frozen finds it first
+        if not self.held:  # otherwise a frozen robot finds the bytes first
             self.inner.close()
         self._end()
 
@@ -253,10 +260,10 @@ class HostileStream:
     def __getattr__(self, name: str) -> Any:
         return getattr(self.inner, name)
 
-    # -- what becomes of the robot's words
+    # -- changes of the robot's output
 
     def size_of(self, data: bytes) -> int:
-        """Return what it counts for, up to a reset."""
+        """Return the size that counts towards a reset."""
         return len(data)
 
     def _waiting(self) -> bytes | None:
@@ -269,7 +276,7 @@ class HostileStream:
         return bool(self.peer.flood)
 
     def _flood(self) -> bytes:
-        """Return the next piece; now and then it is one of the robot's own."""
+        """Return the next piece. Every ``TRUE_EVERY``-th one is the robot's own."""
         self._flooded += 1
         if self._flooded % TRUE_EVERY == 0 and (heard := self._waiting()):
             return heard
@@ -277,7 +284,7 @@ class HostileStream:
         return flood if isinstance(flood, bytes) else flood(self._flooded)
 
     def _told(self, data: bytes) -> bytes:
-        """Return what the host hears of this, now."""
+        """Return the bytes that the host receives in place of ``data``."""
         self._heard += self.size_of(data)
         if self._heard > self.peer.reset_after:
             self.gone = True

@@ -1,16 +1,16 @@
-"""A process between a robot's program and its twin, on TCP, unix sockets and datagrams, which can turn
-hostile.
+"""A process between a robot's program and its twin that can turn hostile, on TCP, unix sockets and datagrams.
 
-It listens on an address of its own, at the ports of the twin, and hands on what either side says.
-Where the twin's address is a path, so is the relay's.
-From the line ``begin KIND FIRST HEX`` on its standard input on, what the twin says is changed, on
-every connection: ``garbled`` (random bytes in its place), ``half`` (nothing more), ``flood``
-(``FIRST`` once, if any, then ``HEX`` again and again, as fast as it is taken, and the twin's own words
-among it). ``begin ok`` ends that, and every connection.
+It listens on an address of its own, at the twin's ports, and forwards both directions. If the twin's address is
+a path, so is the relay's.
 
-Datagrams go both ways at one port, of both ends and of the relay: the host is at ``HOST``, the twin
-wherever it speaks from. On DDS each participant announces its address: the relay puts its own in the
-place of both, so neither end knows the other. A flood then has the header of the twin's own datagram.
+After the line ``begin KIND FIRST HEX`` on its standard input, it changes the twin's output on every connection.
+``garbled`` sends random bytes in its place. ``half`` sends nothing more. ``flood`` sends ``FIRST`` once, if
+given, then repeats ``HEX`` as fast as the host reads, with the twin's own bytes in between. ``begin ok`` ends
+the fault, and every connection.
+
+Datagrams use one port number for both ends and the relay. The host is at ``HOST``, the twin at the address from
+which it sends. On DDS each participant announces its address. The relay replaces both announcements by its own
+address, so that neither end knows the other's. A flood then starts with the header of the twin's own datagram.
 """
 
 from __future__ import annotations
@@ -30,31 +30,31 @@ from strands_actors.drivers.common.twin.tcp import own_host
 
 CHUNK = 1 << 16
 LONGEST_LINE = 4096
-"""Of its standard input: it is read in one piece."""
+"""Bytes of a line on standard input, which is read in one piece."""
 HOST = "127.0.0.1"
 GREETING = 16
-"""Bytes of the first message of a Franka's host."""
+"""Bytes of the first message from a Franka's host."""
 FLOODED = 20
-"""Datagrams of a flood for each of the twin's."""
+"""Datagrams of a flood for each datagram of the twin."""
 DDS_FLOODED = 4
-"""As that, on DDS, where a robot says 500 a second and each may be answered: what waits here for longer
-is lost, and that would be another fault."""
+"""As ``FLOODED``, for DDS: a robot sends 500 a second and each may be answered. A longer queue here would lose
+datagrams, which would be another fault."""
 DDS_PORTS = range(7410, 7430)
-"""Of domain 0: room for ten participants at one address."""
+"""Ports of domain 0, enough for ten participants at one address."""
 RTPS_HEADER = 20
 """Bytes of a datagram that name its participant."""
 
 
 class Datagrams(enum.StrEnum):
     NONE = "none"
-    SAME_PORT = "same port"  # of the same number
-    GREETING = "greeting"  # the port that the last two bytes of the first message on TCP name
+    SAME_PORT = "same port"  # the twin's port number
+    GREETING = "greeting"  # the port in the last two bytes of the first message on TCP
     DDS = "dds"  # every port of ``DDS_PORTS``
 
 
 class Relay:
-    """The process, from outside: ``with Relay(twin.port, extra_ports) as relay``. ``host``: its address,
-    or its path."""
+    """Run the relay process: ``with Relay(twin.port, extra_ports) as relay``. ``host`` is its address or its
+    path."""
 
     def __init__(
         self, target: str, ports: tuple[int, ...] = (), datagrams: Datagrams = Datagrams.NONE, host: str = ""
@@ -94,7 +94,7 @@ class _Hostility:
     def __init__(self) -> None:
         self.kind = "ok"
         self.first = self.flood = b""
-        self.word = b""  # one datagram of it
+        self.word = b""  # the flood's content in one datagram
         self.connections: set[trio.CancelScope] = set()
 
 
@@ -123,7 +123,7 @@ async def _serve(own: str, target: str, datagrams: str, ports: list[int]) -> Non
 
 
 async def _listener(own: str, port: int) -> trio.SocketListener:
-    """Listen at an address, or at a path when there is no port."""
+    """Listen at an address, or at a path if the port is 0."""
     if port:
         return (await trio.open_tcp_listeners(port, host=own))[0]
     sock = trio.socket.socket(trio.socket.AF_UNIX)
@@ -133,7 +133,7 @@ async def _listener(own: str, port: int) -> trio.SocketListener:
 
 
 async def _connect(target: str, port: int, own: str) -> trio.SocketStream:
-    """Connect to the twin, from the relay's address where there is one."""
+    """Connect to the twin, from the relay's own address if there is one."""
     if port:
         return await trio.open_tcp_stream(target, port, local_address=own)
     sock = trio.socket.socket(trio.socket.AF_UNIX)
@@ -148,8 +148,8 @@ async def _relay_dds(
     hostile: _Hostility,
     task_status: trio.TaskStatus[None] = trio.TASK_STATUS_IGNORED,
 ) -> None:
-    """Until cancelled. A datagram leaves from the port of the relay that its sender has at home, and
-    goes to the port that it came to."""
+    """Forward datagrams until cancelled. Each leaves from the relay's port that has the sender's port number,
+    and goes to the port at which it arrived."""
     async with trio.open_nursery() as nursery:
         sockets = {port: trio.socket.socket(type=trio.socket.SOCK_DGRAM) for port in ports}
         for port, sock in sockets.items():
@@ -176,12 +176,12 @@ async def _relay_dds_port(
 
 
 def _locator(host: str) -> bytes:
-    """Return an IPv4 address as DDS writes it."""
+    """Return an IPv4 address in the encoding of DDS."""
     return bytes(12) + socket.inet_aton(host)
 
 
 def _said(data: bytes, flood: bytes, kind: str, flooded: int = FLOODED) -> list[bytes]:
-    """Return the datagrams that stand in the place of one of the twin's."""
+    """Return the datagrams to send in place of one of the twin's."""
     match kind:
         case "garbled":
             return [os.urandom(len(data))]
@@ -199,7 +199,7 @@ async def _relay_datagrams(
     hostile: _Hostility,
     task_status: trio.TaskStatus[None] = trio.TASK_STATUS_IGNORED,
 ) -> None:
-    """Until cancelled."""
+    """Forward datagrams until cancelled."""
     twin = target, port
     with trio.socket.socket(type=trio.socket.SOCK_DGRAM) as sock:
         await sock.bind((own, port))
@@ -215,14 +215,14 @@ async def _relay_datagrams(
 
 
 async def _send(sock: trio.socket.SocketType, data: bytes, to: tuple[str, int]) -> None:
-    with contextlib.suppress(OSError):  # nobody is there
+    with contextlib.suppress(OSError):  # no receiver is there
         await sock.sendto(data, to)
 
 
 async def _accept(
     listener: trio.SocketListener, own: str, target: str, port: int, hostile: _Hostility, names_port: bool
 ) -> None:
-    """``names_port``: whether the host names the port for its datagrams first."""
+    """Accept the host's connections. With ``names_port`` the host's first message names its port for datagrams."""
 
     async def attend(host: trio.SocketStream) -> None:
         scope = trio.CancelScope()
@@ -253,7 +253,7 @@ async def _accept(
 
 
 async def _tell(twin: trio.SocketStream, host: trio.SocketStream, hostile: _Hostility) -> None:
-    """Hand on what the twin says, or something else."""
+    """Forward the twin's bytes, or the changed bytes, to the host."""
     has_begun = False
     while True:
         data = b""

@@ -1,6 +1,6 @@
-"""One row a wire: its robot in memory, what a peer of its kind can say, and how a target of it looks.
+"""The table of rigs: for each wire its robot in memory, the messages of a hostile peer, and a target.
 
-``RIGS`` is the table that the hostile-peer suite runs. A new wire adds a row to the file of its kind.
+The hostile-peer suite runs every row of ``RIGS``. A new wire adds a row to the file of its kind.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Robots on a DDS network: Unitree's legs, Booster's T1."""
+"""Rigs of robots on a DDS network: Unitree's robots with legs, Booster's T1."""
 
 from __future__ import annotations
 
@@ -34,15 +34,15 @@ from .peer import Change, Flood, HostilePeer
 from .services import EntryLog
 
 HANDSHAKE = 40
-"""Datagrams by which a participant of ours knows the robot."""
+"""Datagrams after which our participant has discovered the robot."""
 STATES, ANSWERS = writer_id(1), writer_id(3)
-"""Of the Go2's writers: they are made first, and after the reader of commands."""
+"""Writer ids of the Go2. These two writers are created first, after the reader of commands."""
 
 
 def _unitree(peer: HostilePeer) -> Bench:
     log = EntryLog()
     server = UnitreeServer(model_of("unitree_go2"), log, UnitreeTwinOptions(host=ROBOT))  # type: ignore[arg-type]
-    server.onboard.set_mode("")  # it has been released: its joints do as they are told
+    server.onboard.set_mode("")  # its controller is released, so its joints accept commands
     network = Network(peer)
     driver = Go2Driver("unitree_go2", f"{ROBOT}:7410", {})
     return Bench(driver, lambda: log.entries, lambda: network.serving(server, unitree_link))
@@ -56,11 +56,11 @@ def _booster(peer: HostilePeer) -> Bench:
     return Bench(driver, lambda: log.entries, lambda: network.serving(server, booster_link))
 
 
-# -- what a participant that is hostile says
+# -- messages of a hostile participant
 
 
 def _announcement(number: int) -> bytes:
-    """It is another one each time."""
+    """Return an announcement that differs from the one before."""
     where = ((ROBOT, 7410),), ((ROBOT, 7411),)
     data = ParticipantData(PREFIX, *where, 10.0 + number % 2)
     return messages.data(SPDP_READER, SPDP_WRITER, 1, discovery.encode_participant(data))
@@ -79,7 +79,7 @@ def _endpoint(number: int, kind: int, topic: str, type_name: str) -> bytes:
 
 
 def _readers(topic: str, type_name: str) -> Callable[[int], bytes]:
-    """Return ever more of them, each at a port of its own."""
+    """Return a flood of new readers, each at another port."""
 
     def flood(number: int) -> bytes:
         payload = _endpoint(number, 4, topic, type_name)
@@ -95,13 +95,13 @@ def _writers(number: int) -> bytes:
 
 
 def _beats(number: int) -> bytes:
-    """Ask what has arrived, in as many words as a datagram has room for."""
+    """Return a datagram full of heartbeats, each of which asks for an acknowledgement."""
     beat = messages.heartbeat(UNKNOWN, PUBLICATIONS_WRITER, 1, 1 << 30, number, final=False)
     return said(beat * 400)
 
 
 def _repeat(number: int) -> bytes:
-    """Ask for everything again that any writer of ours has said."""
+    """Return a request to repeat all samples of all our writers."""
     asked = range(1, 17)
     pairs = [
         (SUBSCRIPTIONS_READER, SUBSCRIPTIONS_WRITER),
@@ -120,7 +120,7 @@ def _states(number: int) -> bytes:
 
 
 def _fragments(total: int) -> Callable[[int], bytes]:
-    """Return the first piece of ever another sample of so many bytes."""
+    """Return a flood of first fragments, each of another sample with ``total`` bytes."""
 
     def flood(number: int) -> bytes:
         fixed = wire_types.LITTLE.fragment.pack(

@@ -1,6 +1,6 @@
-"""An arm that is stopped over TCP and moved by datagrams, a thousand a second: Franka over FCI.
+"""Rig of an arm that is stopped over TCP and moved by 1,000 datagrams a second: Franka over FCI.
 
-The process of the 1 kHz cycle is a task here, which does the product's own turns.
+The process of the 1 kHz cycle is a task here, which runs the product's own turns.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ SILENT_S = cycle.SILENT_MS / 1e3
 
 
 class _Udp:
-    """The host's socket for states. A process that is given it has it, too."""
+    """The host's socket for states. The process to which it is passed has it, too."""
 
     def __init__(self, robot: _Robot) -> None:
         self._robot = robot
@@ -53,16 +53,16 @@ class _Udp:
         robot.sockets[self._port] = self
 
     def setblocking(self, flag: bool) -> None:
-        """It never blocks."""
+        """Do nothing: this socket never blocks."""
 
     def bind(self, address: tuple[str, int]) -> None:
-        """Its port is its own."""
+        """Do nothing: the socket has its port already."""
 
     def getsockname(self) -> tuple[str, int]:
         return HOST, self._port
 
     def connect(self, address: tuple[str, int]) -> None:
-        """Nobody else speaks to it."""
+        """Do nothing: no other peer sends to this socket."""
 
     def fileno(self) -> int:
         return self.hostile.fileno()
@@ -93,11 +93,11 @@ class _Udp:
         return self
 
     def __exit__(self, *error: object) -> None:
-        """The other process has it."""
+        """Do nothing: the other process keeps the socket."""
 
 
 class _Cycle:
-    """The process of the 1 kHz cycle."""
+    """The task in place of the process of the 1 kHz cycle."""
 
     def __init__(self, udp: _Udp, told: Mapping[str, Any], nursery: trio.Nursery) -> None:
         self.pid = os.getpid()
@@ -217,7 +217,7 @@ def _franka(peer: HostilePeer) -> Bench:
                 nursery.cancel_scope.cancel()
             finally:
                 for wire in wires:
-                    wire.close()  # as the end of its process does
+                    wire.close()  # as the end of the wire process does
                 for (module, name, _), value in zip(places, before, strict=True):
                     setattr(module, name, value)
 
@@ -230,7 +230,7 @@ def _franka(peer: HostilePeer) -> Bench:
 
 
 def _all_joints(position: Sequence[float]) -> dict[str, float]:
-    """Every command names them all."""
+    """Return a command that names all joints, as this arm requires."""
     return {f"joint{at}": rad + 0.01 * (at == 1) for at, rad in enumerate(position, 1)}
 
 
@@ -239,7 +239,7 @@ _STOPPED = p.HEADER.pack(_FER.commands.index("stop"), 1_000_000, p.HEADER.size +
 
 
 def _old_state() -> bytes:
-    """An arm that stands, idle, soon after its start."""
+    """Return the state of an idle arm soon after its start."""
     data = bytearray(_FER.state_bytes)
     _FER.put(data, "message_id", 7)
     _FER.put(data, "robot_mode", p.RobotMode.IDLE)
@@ -247,7 +247,7 @@ def _old_state() -> bytes:
 
 
 def _renumbered(data: bytes) -> bytes:
-    """Answer the next question, at a time that is long to come."""
+    """Return an answer to the next request, with a time far in the future."""
     if len(data) == _FER.state_bytes:
         state = bytearray(data)
         _FER.put(state, "message_id", _FER.get(state, "message_id")[0] + (1 << 40))
@@ -267,6 +267,6 @@ RIGS: Mapping[str, Rig] = {
         bombs={"an answer of 4 GB": p.HEADER.pack(2, 1, 0xFFFFFFFF)},
         wrong_ids={"number": _renumbered},
         streams=True,
-        bound_s=0.1,  # the published one
+        bound_s=0.1,  # the published bound
     ),
 }

@@ -1,4 +1,4 @@
-"""Robots behind HTTP/2: RB-Y1, Spot."""
+"""Rigs of robots behind HTTP/2: RB-Y1, Spot."""
 
 from __future__ import annotations
 
@@ -83,7 +83,7 @@ RIGS: Mapping[str, Rig] = {
         bombs=_H2_BOMBS,
         wrong_ids={"stream": renumbered(5, 4)},
         first=("stand",),
-        # A login, and a lease where it was lost: two answers of 1 ms.
+        # A login, and a new lease if the old one was lost: two answers of 1 ms.
         latest_s={Situation.RESET: 0.001, Situation.WIRE_ENDS: 0.002},
     ),
 }

@@ -1,4 +1,4 @@
-"""A robot behind JSON-RPC on a unix socket: Microduck."""
+"""Rig of a robot behind JSON-RPC on a unix socket: Microduck."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def _microduck(peer: HostilePeer) -> Bench:
 
     @contextlib.asynccontextmanager
     async def living() -> AsyncIterator[None]:
-        """The module of the link opens streams in memory."""
+        """Let the module of the link open streams in memory."""
         before, microduck_link.open_unix = microduck_link.open_unix, open_unix  # type: ignore[assignment]
         try:
             async with service.living():

@@ -1,4 +1,4 @@
-"""An arm that exchanges a datagram in every cycle: KUKA over FRI."""
+"""Rig of an arm that exchanges a datagram in every cycle: KUKA over FRI."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ CONTROLLER = ("192.0.2.1", 30200)
 
 
 class _Listener(UdpListener):
-    """The product's own, on the socket in memory."""
+    """The product's listener on the socket in memory."""
 
     def __init__(self, network: HostileSocket) -> None:
         super().__init__(cast("Any", SimpleNamespace(setblocking=bool, getsockname=lambda: ("0.0.0.0", 30200))))
@@ -51,7 +51,7 @@ class _Listener(UdpListener):
         return self._network.fileno()
 
     def close(self) -> None:
-        """Wire and root have duplicates of one socket."""
+        """Do nothing: wire and root have duplicates of one socket."""
 
     def _receive(self) -> tuple[bytes, tuple[str, int]] | None:
         data = self._network.receive()
@@ -99,7 +99,7 @@ def _kuka(peer: HostilePeer) -> Bench:
 
 
 def _next_number(data: bytes) -> bytes:
-    """Say that the answer was taken that comes next."""
+    """Change a message so that it acknowledges the answer after the last one."""
     try:
         said = decode_monitoring(data)
     except MalformedFrame:
@@ -134,13 +134,13 @@ RIGS: Mapping[str, Rig] = {
         bombs={"fields of 2 GB": b"\x0a\xff\xff\xff\xff\x07" * 200},
         wrong_ids={"number": _next_number},
         latest_s={
-            # The controller takes an answer to a message of its own, one each 10 ms.
+            # The controller accepts an answer only to its own message. It sends one every 10 ms.
             Situation.MOVES: 0.01,
             Situation.RESET: 0.01,
             Situation.ROOT_ENDS: 0.01,
-            # It has none to answer: the last one is answered again.
+            # There is no message to answer, so the last one is answered again.
             Situation.SILENT: 0.025,
-            # The root has heard none yet. The first one says whom to answer.
+            # The root has received no message yet. The first one has the address for the answer.
             Situation.WIRE_ENDS: 0.03,
         },
     ),

@@ -1,4 +1,4 @@
-"""Robots that are told packets: Crazyflie."""
+"""Rig of a robot that receives packets: Crazyflie."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from .peer import HostilePeer, HostileStream
 
 
 class _HostileLink(Link):
-    """Packets instead of bytes, and the same changes."""
+    """The changes of a hostile peer, made on packets instead of bytes."""
 
     def __init__(self, peer: HostilePeer, air: Air, log: Log, speaks: Callable[[Air], None]) -> None:
         self.name = air.name
@@ -55,7 +55,7 @@ class _HostileLink(Link):
 def _crazyflie(peer: HostilePeer) -> Bench:
     firmware = Firmware(CRAZYFLIES.table("crazyflie"), trio.current_time)
     log: Log = []
-    speaker: list[Air] = []  # the last: the firmware answers whoever spoke last
+    speaker: list[Air] = []  # only the last sender: the firmware answers that one
 
     async def open_link(endpoint: Endpoint) -> Link:
         return _HostileLink(peer, Air(firmware), log, lambda air: speaker.__setitem__(slice(None), [air]))

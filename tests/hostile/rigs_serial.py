@@ -1,4 +1,4 @@
-"""Robots on a serial line or bus: servos, Stretch."""
+"""Rigs of robots on a serial line or bus: servos, Stretch."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from .peer import HostilePeer, HostileStream
 
 
 class _Logged:
-    """A bus of servos that notes what it is told."""
+    """A bus of servos that notes each message it receives."""
 
     def __init__(self, bus: Any, log: Log) -> None:
         self._bus = bus
@@ -52,7 +52,7 @@ def _servos(rig_class: Callable[[], servo.Rig], channel_class: Any) -> Callable[
 
 
 class _StretchRig(stretch.Rig):
-    """Notes when each frame came."""
+    """A rig that notes the arrival of each frame."""
 
     def __init__(self, peer: HostilePeer) -> None:
         super().__init__()

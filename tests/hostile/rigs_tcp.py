@@ -1,4 +1,4 @@
-"""Arms and grippers that are told frames over TCP or datagrams: xArm, Kinova, Robotiq."""
+"""Rigs of arms and grippers with frames over TCP or datagrams: xArm, Kinova, Robotiq."""
 
 from __future__ import annotations
 
@@ -73,7 +73,7 @@ def _robotiq(peer: HostilePeer) -> Bench:
 
 
 def _answers(session: Any, data: bytes, log: Log) -> Iterable[tuple[float, bytes]]:
-    """As a ``Peer``: what a session of the twin's makes of bytes. Notes what they were."""
+    """Yield the answers of a session of the twin, as a ``Peer`` does. Note the kinds of the messages."""
     with contextlib.suppress(ClientGone):
         for exchange in session.receive(data, None):
             log.append((trio.current_time(), exchange.kind))
@@ -98,7 +98,7 @@ RIGS: Mapping[str, Rig] = {
         bombs={"a frame of 4 GB": MAGIC + b"\xff\xff\xff\xff"},
         wrong_ids={"magic": lambda data: data.replace(MAGIC, MAGIC[::-1])},
         login="the base takes a call only with the number of a session, which it gives in its answer",
-        latest_s={Situation.RESET: 0.001},  # that answer
+        latest_s={Situation.RESET: 0.001},  # the time of that answer
     ),
     "robotiq_2f85": Rig(
         _robotiq,
@@ -109,6 +109,7 @@ RIGS: Mapping[str, Rig] = {
         wrong_ids={"transaction": renumbered(0, 2)},
         bound_s=0.1,
         why_longer="a gripper is asked first: a hold would activate one that has lost its power",
-        latest_s={Situation.RESET: 0.001, Situation.WIRE_ENDS: 0.001},  # its answer, on a new connection
+        # the time of its answer, on a new connection
+        latest_s={Situation.RESET: 0.001, Situation.WIRE_ENDS: 0.001},
     ),
 }

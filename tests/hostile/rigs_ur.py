@@ -1,4 +1,4 @@
-"""An arm that is commanded by an SDK and stopped without it: UR."""
+"""Rig of an arm that is commanded by an SDK and stopped without it: UR."""
 
 from __future__ import annotations
 
@@ -31,20 +31,20 @@ from .peer import HostilePeer
 from .services import Service
 
 THREAD_S = 0.002
-"""From a call of the SDK until its thread does it."""
+"""Time from a call of the SDK until its thread carries it out."""
 STATE_HZ = 10.0
 SCRIPT = b"def rtde_control():\n    global reg_offset_int = # int register offset\n24\nend\n"
 
 
 class _NeverReturns(Exception):
-    """A call of the SDK that waits for the robot."""
+    """A call of the SDK does not return, because it waits for the robot."""
 
 
 class _Sdk:
-    """Commands in registers, as ur-rtde writes them.
+    """Write commands into registers, as ur-rtde does.
 
-    Before a command it waits for what the script has said of the last one. So where the robot cannot
-    be understood it writes nothing, and does not return: the worst that it can do.
+    Before a command it waits for the script's answer to the last one. If that answer is garbled, it writes
+    nothing and does not return. This is the worst case.
     """
 
     def __init__(self, controller: Controller, peer: HostilePeer, service: Service) -> None:
@@ -53,7 +53,7 @@ class _Sdk:
         peer.join(self)  # type: ignore[arg-type]  # of which it needs the end alone
 
     def wake(self) -> None:
-        """It looks by itself."""
+        """Do nothing: the SDK polls."""
 
     def reuploadScript(self) -> bool:  # the SDK's names
         self._check()
@@ -143,7 +143,7 @@ def _ur(peer: HostilePeer) -> Bench:
         places = [
             (plain, "open_tcp", service.open_stream),
             (sdk, "load_sdk", load_sdk),
-            (sdk, "kept", lambda: False),  # each wire is a process of its own here
+            (sdk, "kept", lambda: False),  # in this suite each wire counts as a separate process
             (sdk_calls, "_kept", []),
             (sdk_calls, "call_in_thread", _call_in_thread),
         ]
@@ -174,12 +174,12 @@ RIGS: Mapping[str, Rig] = {
         },
         bombs={"a packet of 64 kB": b"\xff\xffU", "a line without an end": b"Stop" * 10},
         wrong_ids={"type": lambda data: data.replace(b"U\x01", b"U\x02")},
-        bound_s=0.1,  # the published one
+        bound_s=0.1,  # the published bound
         latest_s={
             # ur-rtde's call runs in a thread.
             Situation.MOVES: THREAD_S,
             Situation.ROOT_ENDS: THREAD_S,
-            # It does not return: what the wire says next goes to the dashboard.
+            # The SDK's call does not return, so the wire sends the stop to the dashboard.
             Situation.SILENT: 0.081,
             Situation.RESET: 0.061,
         },

@@ -1,4 +1,4 @@
-"""Robots behind HTTP/1 and WebSockets: EarthRover, Yahboom, Reachy."""
+"""Rigs of robots behind HTTP/1 and WebSockets: EarthRover, Yahboom, Reachy."""
 
 from __future__ import annotations
 
@@ -31,8 +31,11 @@ _WEBSOCKET_BOMBS = {"a message of 4 GB": b"\x82\x7f" + (1 << 32).to_bytes(8, "bi
 
 
 def _digits(before: bytes, digit: bytes) -> Change:
-    """Return what puts one digit in place of all digits of a number or uuid, behind what stands before
-    it. No length changes."""
+    """Return a change that replaces all digits of a number or uuid by one digit.
+
+    Args:
+        before: Expression for the text in front of the number. Lengths stay the same.
+    """
     number = re.compile(before + rb'(\s*:\s*"?)([0-9a-f][0-9a-f.-]*)')
 
     def replaced(match: re.Match[bytes]) -> bytes:
@@ -43,14 +46,15 @@ def _digits(before: bytes, digit: bytes) -> Change:
 
 
 def _one_too_many(data: bytes) -> bytes:
-    """An answer that nobody asked for comes first: from now on each is that of an older question."""
+    """Return the answer with an unrequested one in front. From then on each request gets the answer to an older
+    one."""
     return _HTTP + b"Content-Length: 2\r\n\r\n{}" + data if data.startswith(b"HTTP/1.1 ") else data
 
 
 _ACCEPT: Mapping[str, Change] = {
     "accept": lambda data: re.sub(rb"(?i)(sec-websocket-accept: )....", rb"\1AAAA", data),
 }
-"""Of upgrades. What was accepted before goes on."""
+"""Changes of upgrades. Connections that were accepted before go on."""
 
 
 RIGS: Mapping[str, Rig] = {
@@ -80,7 +84,7 @@ RIGS: Mapping[str, Rig] = {
         floods={**_WEBSOCKET_FLOODS, **_HTTP_FLOODS},
         bombs={**_WEBSOCKET_BOMBS, **_HTTP_BOMBS},
         wrong_ids={"uuid": _digits(rb'"uuid"', b"9"), "one too many": _one_too_many, **_ACCEPT},
-        understood=("accept", "uuid"),  # none is in what confirms that no move runs
+        understood=("accept", "uuid"),  # a stop's confirmation contains neither of them
         login="its daemon drops what comes before it has answered the upgrade, as uvicorn does",
     ),
 }

@@ -40,7 +40,7 @@ from .peer import HostilePeer, HostileStream
 
 
 class EntryLog:
-    """The wire log, in virtual time."""
+    """A wire log in virtual time."""
 
     def __init__(self) -> None:
         self.entries: Log = []
@@ -57,7 +57,11 @@ class EntryLog:
 
 
 class Service:
-    """One robot whose words ``peer`` changes. ``handler``: of its one port, or of each by number."""
+    """One robot with output that ``peer`` changes.
+
+    Args:
+        handler: The handler of its only port, or the handlers by port number.
+    """
 
     def __init__(self, peer: HostilePeer, handler: Handler | Mapping[int, Handler]) -> None:
         self._peer = peer
@@ -140,7 +144,7 @@ def reachy(peer: HostilePeer) -> Bench:
 
     @contextlib.asynccontextmanager
     async def living() -> AsyncIterator[None]:
-        """The modules of the wire open streams in memory."""
+        """Let the modules of the wire open streams in memory."""
         stream = service.open_stream
         here: dict[str, Any] = {
             "HttpPort": lambda host, number, **more: HttpPort(host, number, stream, **more),

@@ -1,9 +1,8 @@
-"""The first safe frame leaves before the first wait, on every wire, in virtual time (SAF-003).
+"""Test that the first safe frame leaves before the first wait, on every wire, in virtual time (SAF-003).
 
-A bound in real time has room for a slow computer. A wire that waits a little before it stops fits
-into that room. In virtual time nothing passes but what the code itself waits for, so a wire is late
-here by its own waits alone. What a robot cannot do at once stands in its rig, with the reason
-(``Rig.latest_s``).
+A bound in real time has room for a slow computer, and hides a wire that waits a little before it stops. In
+virtual time only the waits of the code itself take time. A robot that cannot be stopped at once has its delay
+and the reason in its rig (``Rig.latest_s``).
 """
 
 from __future__ import annotations
@@ -23,11 +22,11 @@ from .rigs import RIGS
 from .test_virtual import Trial, moving, run, stopped
 
 BETWEEN_S = 0.0137
-"""From the first setpoint to the fault: it falls between two periods of a wire."""
+"""Time from the first setpoint to the fault. It falls between two periods of a wire."""
 FAULT_S = 0.02
-"""From the fault of a link to the stop. The wire waits for an answer then, or has lost the link."""
+"""Time from the fault of a link to the stop. By then the wire waits for an answer, or has lost the link."""
 LOOK_S = 0.12
-"""How long the wire's log is looked at: longer than any wire may take."""
+"""How long the test reads the wire's log: longer than any wire may take."""
 ROUNDING_S = 1e-6
 
 
@@ -44,7 +43,7 @@ async def break_link(situation: Situation, trial: Trial) -> None:
 
 
 async def stop(situation: Situation, trial: Trial) -> None:
-    """Do what makes the robot stop."""
+    """Cause the stop."""
     match situation:
         case Situation.WIRE_ENDS:
             await trial.tree.wire.fence()
@@ -75,7 +74,7 @@ async def look(situation: Situation, trial: Trial) -> float:
 
 
 def took_s(rig: Rig, situation: Situation) -> float:
-    """Return how long one robot takes, from the stop to the first safe frame."""
+    """Return the seconds from the stop of one robot to its first safe frame."""
     found: list[float] = []
 
     async def test(peer: HostilePeer) -> None:
@@ -90,7 +89,7 @@ def took_s(rig: Rig, situation: Situation) -> float:
     "situation",
     [
         *(each for each in Situation if each is not Situation.ROOT_ENDS),
-        pytest.param(Situation.ROOT_ENDS, marks=pytest.mark.long),  # the same wire, asked by another
+        pytest.param(Situation.ROOT_ENDS, marks=pytest.mark.long),  # the same wire, with another requester
     ],
 )
 @pytest.mark.parametrize("robot", RIGS)

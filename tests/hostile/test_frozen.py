@@ -1,8 +1,7 @@
-"""A robot that freezes while a setpoint is on its way, and goes on after the stop, on every wire, in
-virtual time (SAF-002).
+"""Test a robot that freezes with a setpoint under way and continues after the stop (SAF-002).
 
-What waits in one connection is read in its order. Which connection is read first is the robot's
-choice. So a stop that leaves on another connection than the setpoint may be carried out before it.
+The tests run on every wire, in virtual time. A robot reads each connection in order, but chooses the connection
+that it reads first. So it may carry out a stop before a setpoint that was sent earlier on another connection.
 """
 
 from __future__ import annotations
@@ -20,17 +19,17 @@ from .rigs import RIGS
 from .test_virtual import Trial, heal, moving, run, stopped
 
 FROZEN = [robot for robot in RIGS if robot != "ur5e"]
-"""A UR's SDK has its connections: the kill matrix freezes its twin."""
+"""All robots but UR: its SDK owns the connections, and the kill matrix freezes its twin."""
 SEVERAL = ("earthrover", "reachy_mini", "microduck")
-"""Robots that are told things on several connections."""
+"""Robots that receive commands on several connections."""
 WAITS_S = 0.5
-"""By then a robot that moves has been sent another setpoint."""
+"""Within this time a moving robot gets another setpoint."""
 STEP_S = 0.0037
 SEEN_S = 1.0
 
 
 async def freeze(trial: Trial) -> None:
-    """Freeze it, and wait until something has been written that it does not read."""
+    """Freeze the robot, and wait until the host has written bytes that the robot does not read."""
     trial.peer.freeze()
     with trio.move_on_after(WAITS_S):
         while not trial.peer.waiting:  # noqa: ASYNC110  # the tree's doing
@@ -40,7 +39,7 @@ async def freeze(trial: Trial) -> None:
 class Frozen(NamedTuple):
     robot: str
     frozen_s: float  # after a second the root may act, on its own connection
-    stopped: bool  # else the wire finds by itself that the link is lost
+    stopped: bool  # False: the wire itself finds that the link is lost
     newest_first: bool
 
     def __str__(self) -> str:
@@ -49,8 +48,8 @@ class Frozen(NamedTuple):
 
     @property
     def is_quick(self) -> bool:
-        """Whether it belongs to the ordinary run: robots with several connections in each case, all
-        others once."""
+        """True for cases of the ordinary run: every case of robots with several connections, one case of all
+        others."""
         return self.robot in SEVERAL or self[1:] == (0.25, True, False)
 
 

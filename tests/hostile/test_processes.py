@@ -1,5 +1,8 @@
-"""The same with processes: a robot's tree, its twin, and a hostile relay between them (SAF-022,
-SAF-025). Order and counts alone: the bounds are asserted in virtual time."""
+"""Test hostile peers with real processes: a robot's tree, its twin, and a relay between them (SAF-022,
+SAF-025).
+
+The tests check order and counts only. The suite in virtual time asserts the bounds.
+"""
 
 from __future__ import annotations
 
@@ -27,13 +30,13 @@ from .rigs import RIGS
 
 MOST_MEMORY = 32 << 20
 MOST_FLOOD = 1200
-"""Bytes of a bomb's body that are said again and again."""
+"""Bytes of a bomb's body that are repeated."""
 FLOODED_S = 0.7
-"""From the beginning of the fault to the stop."""
+"""Time from the beginning of the fault to the stop."""
 
 
 class Cell(NamedTuple):
-    """``flood``: one of the floods of its rig, or of the bombs, whose head is said once."""
+    """One test case. ``flood`` names a flood of its rig, or a bomb. The head of a bomb is sent once."""
 
     robot: str
     kind: str
@@ -41,7 +44,7 @@ class Cell(NamedTuple):
     ports: tuple[int, ...] = ()
     datagrams: Datagrams = Datagrams.NONE
     services: tuple[str, ...] = ()
-    """That the robot must have done before it takes a target."""
+    """Services that the robot must have done before it accepts a target."""
 
     def __str__(self) -> str:
         return "-".join(filter(None, self[:3])).replace(" ", "_")
@@ -103,14 +106,14 @@ JOINTS = {
     "panda": [f"joint{number}" for number in range(1, 8)],
     "unitree_go2": ["FR_hip_joint"],
 }
-"""What a target names, of robots that are told positions. The first one moves."""
+"""The names in a target, for robots with position targets. The first one moves."""
 ACTIONS: Mapping[str, Mapping[str, float]] = {
     "yahboom_m3pro": {"linear.x": 0.1},
     "earthrover": {"linear": 0.1},
     "reachy_mini": {"head_yaw": 5.0},
     "microduck": {"vx": 0.1},
 }
-"""What the others are sent."""
+"""The actions for all other robots."""
 TWINS: Mapping[str, Mapping[str, object]] = {"microduck": {"enabled": True}}
 """Options of a twin."""
 SCHEMES = {"yahboom_m3pro": "ws://", "earthrover": "http://", "reachy_mini": "http://"}
@@ -137,7 +140,7 @@ while True:
 
 
 def address(cell: Cell, relay: Relay) -> str:
-    """Return the relay's, as a user of this robot writes it."""
+    """Return the relay's address as a user of this robot writes it."""
     return SCHEMES.get(cell.robot, "") + relay.port
 
 
@@ -147,12 +150,12 @@ def _memory(pid: int, key: str) -> int:
 
 
 class Memory:
-    """By how much processes grow, in bytes."""
+    """The memory growth of processes, in bytes."""
 
     def __init__(self, processes: dict[str, int]) -> None:
         self._before = {pid: _memory(pid, "VmRSS") for pid in processes.values()}
         for pid in self._before:
-            Path(f"/proc/{pid}/clear_refs").write_text("5")  # the peak begins anew
+            Path(f"/proc/{pid}/clear_refs").write_text("5")  # resets the peak
 
     def grown(self) -> int:
         now = {pid: _memory(pid, "VmHWM") for pid in self._before if os.path.exists(f"/proc/{pid}/status")}
@@ -167,7 +170,7 @@ def cell(request: pytest.FixtureRequest) -> Cell:
 
 @pytest.fixture
 def host(cell: Cell, tmp_path: Path) -> str:
-    """Address of the relay, or its path."""
+    """Return the relay's address or its path."""
     return str(tmp_path / "relay.sock") if cell.robot == "microduck" else own_host()
 
 
@@ -207,7 +210,7 @@ def moving(arm: RealRobot, twin: Twin, cell: Cell) -> None:
 
 
 def moved(arm: RealRobot, robot: str) -> Mapping[str, Any]:
-    """Ask for a small step from where the robot is, or for what it is sent instead."""
+    """Send a small step from the present position, or the robot's row of ``ACTIONS``."""
     if robot in ACTIONS:
         sent: Mapping[str, Any] = arm.send_action(dict(ACTIONS[robot]))
         return sent
@@ -233,7 +236,7 @@ def test_saf_022_025_a_stop_behind_a_hostile_peer(cell: Cell, twin: Twin, relay:
         assert memory.grown() <= MOST_MEMORY
         if cell.kind != "flood":
             assert answer["status"] == "error", "confirmed by words that cannot be understood"
-        twin.log.silent_after(safe.t_ns, "setpoint", "enable")  # what was on its way may come before
+        twin.log.silent_after(safe.t_ns, "setpoint", "enable")  # messages under way may arrive before the stop
         relay.begin("ok")
         until(lambda: arm.stop()["status"] == "success", "it is known to be safe")
 
@@ -259,7 +262,7 @@ def test_saf_022_025_the_caller_is_killed_behind_a_hostile_peer(cell: Cell, twin
     twin.log.no_setpoint_after_safe(killed_ns)
     relay.begin("ok")
     healed_ns = time.monotonic_ns()
-    if cell.kind != "flood" or cell.datagrams is Datagrams.NONE:  # a flood of datagrams may be kept up with
-        first_safe(twin.log, healed_ns)  # which is confirmed, and the tree ends
+    if cell.kind != "flood" or cell.datagrams is Datagrams.NONE:  # a host may keep up with a flood of datagrams
+        first_safe(twin.log, healed_ns)  # it is confirmed, and the tree ends
     time.sleep(0.3)
     twin.log.silent_after(safe.t_ns, "setpoint", "enable")

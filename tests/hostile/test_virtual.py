@@ -1,7 +1,7 @@
-"""A robot that says what it likes: a stop is written all the same, on every wire, in virtual time.
+"""Test that a stop is written whatever the robot sends, on every wire, in virtual time.
 
-Each cell is one robot with its own gate, watchdog, transport, guardian and stop channel, which
-meets one kind of hostile peer (SAF-022, SAF-025).
+Each cell is one robot with its own gate, watchdog, transport, guardian and stop channel. It meets one kind of
+hostile peer (SAF-022, SAF-025).
 """
 
 from __future__ import annotations
@@ -38,19 +38,19 @@ from .peer import Change, Flood, HostilePeer, Steps
 from .rigs import RIGS
 
 MOST_MEMORY = 32 << 20
-"""Bytes that a peer may make a process grow by."""
+"""Bytes by which a peer may make a process grow."""
 BEFORE_S = (0.3, 0.02, 0.1)
-"""From the beginning of the fault to the stop. By the first most wires have given their link up. The
-long run meets the others, too."""
+"""Seconds from the beginning of the fault to the stop. After the first value most wires have given up their
+link. Only the long run uses the other values."""
 TAKEN_S = 0.001
-"""For a robot to take what was written."""
+"""Time for a robot to read the host's bytes."""
 AGAIN_S = 2.0
 HEALED_S = 20.0
-"""By then a robot that is honest again is connected, and known to be safe."""
+"""Time within which a robot that is honest again is connected and confirmed safe."""
 
 
 class Fault(NamedTuple):
-    """One cell's peer."""
+    """The hostile peer of one cell."""
 
     robot: str
     kind: str
@@ -65,7 +65,7 @@ class Fault(NamedTuple):
 
     @property
     def may_confirm(self) -> bool:
-        """Whether the robot's own words come through, so that a stop can be understood."""
+        """True if the robot's own output gets through, so that a stop can be confirmed."""
         return self.kind == "flood" or (self.kind == "wrong ids" and self.detail in self.rig.understood)
 
     def begin(self, peer: HostilePeer) -> None:
@@ -81,7 +81,7 @@ class Fault(NamedTuple):
 
 
 def exploding(bomb: Flood) -> Change:
-    """Return what puts a bomb in the place of each answer."""
+    """Return a change that puts a bomb in the place of each answer."""
     numbers = itertools.count()
     return lambda data: bomb + bytes((1,)) * (1 << 16) if isinstance(bomb, bytes) else bomb(next(numbers))
 
@@ -99,15 +99,17 @@ def faults() -> list[Fault]:
 
 
 class Asked(NamedTuple):
-    """When a stop was asked for, and how much was in the wire's log by then: what was written in the
-    same instant before it is not after it."""
+    """The time of a stop's request, and the length of the wire's log at that time.
+
+    The length separates entries of the same instant: those written before the request are not after it.
+    """
 
     t_s: float
     entries: int
 
 
 class Trial(NamedTuple):
-    """A robot that moves, and whoever is at its other end."""
+    """A moving robot with the peer at its other end."""
 
     tree: InlineTree
     peer: HostilePeer
@@ -122,17 +124,17 @@ class Trial(NamedTuple):
         return Asked(trio.current_time(), len(self.bench.log()))
 
     def behind(self, kind: str) -> int:
-        """Return where the log goes on behind the last entry of that kind."""
+        """Return the index after the last log entry of this kind."""
         return max((at + 1 for at, (_, what) in enumerate(self.bench.log()) if what == kind), default=0)
 
     async def beat(self) -> None:
-        """Live, as the process of a caller does."""
+        """Send heartbeats, as a caller's process does."""
         while True:
             self.writer.ref.tell(Beat(self.writer.lease.id))
             await trio.sleep(0.2)
 
     async def move(self) -> None:
-        """Move a little, again and again, as long as that is accepted."""
+        """Send small moves as long as they are accepted."""
         while True:
             with contextlib.suppress(Unreachable, AskTimeout):  # its wire group is being replaced
                 seen = (await self.tree.status()).observation
@@ -168,7 +170,7 @@ async def moving(peer: HostilePeer, rig: Rig) -> AsyncIterator[Trial]:
 
 
 async def ready(trial: Trial) -> None:
-    """Arm the robot, take the lease, and bring the robot to where it takes targets."""
+    """Arm the robot, take the lease, and run the services after which it accepts targets."""
     tree, rig, writer = trial.tree, trial.rig, trial.writer
     resumed = await tree.gate.ask(Resume("test"), 20.0)
     assert isinstance(resumed, Resumed), resumed
@@ -180,15 +182,19 @@ async def ready(trial: Trial) -> None:
 
 
 class Answer(NamedTuple):
-    """What became of a stop. ``report``: None, no answer in time. ``had_begun``: the robot was being
-    stopped already, by its gate or, where the process of the wire had ended, by the root."""
+    """The result of a stop.
+
+    Attributes:
+        report: The report; None if no answer came in time.
+        had_begun: The gate, or the root after the end of the wire process, was already stopping the robot.
+    """
 
     report: StopReport | None
     had_begun: bool
 
 
 async def stopped(trial: Trial, reason: Reason) -> Answer:
-    """Ask for a stop: of the gate, or of the next one."""
+    """Request a stop from the gate, or from its successor."""
     had_begun, report = False, None
     with trio.move_on_after(trial.tree.driver.timing.safe_s + 1.0):
         while True:
@@ -207,8 +213,8 @@ async def stopped(trial: Trial, reason: Reason) -> Answer:
 
 
 async def heal(trial: Trial) -> None:
-    """Stop it again and again, as a person would, until every motor has confirmed it. A stop cuts an
-    attempt to connect short."""
+    """Request a stop repeatedly, as a person would, until every motor has confirmed it. A stop cuts an attempt
+    to connect short."""
     with trio.fail_after(HEALED_S):
         while True:
             await trio.sleep(AGAIN_S)
@@ -220,8 +226,8 @@ async def heal(trial: Trial) -> None:
 
 
 def is_safe(trial: Trial, fault: Fault, asked: Asked, answer: Answer) -> None:
-    """Hold the wire's log of a stop against what every stop must show. Where one had begun, its frame may
-    be there already: then nothing else has come since."""
+    """Assert that the wire's log shows a stop. If the stop had begun before the request, its frame may be there
+    already. Then no setpoint may follow it."""
     log = trial.bench.log()
     since = trial.behind("setpoint") if answer.had_begun else asked.entries
     if trial.peer.deaf:
@@ -248,8 +254,7 @@ def _long(faults: Sequence[Fault], quick: Callable[[Fault], bool]) -> list[Any]:
 
 
 def is_quick(fault: Fault) -> bool:
-    """Whether a cell belongs to the ordinary run: those that ``Rig.quick`` names, of floods, bombs and ids
-    the first one."""
+    """True for cells of the ordinary run: the kinds in ``Rig.quick``, and of floods, bombs and ids the first."""
     rig = fault.rig
     named: Mapping[str, Iterable[str]] = {"flood": rig.floods, "bomb": rig.bombs, "wrong ids": rig.wrong_ids}
     first = next(iter(named.get(fault.kind, ())), "")
@@ -267,14 +272,14 @@ def is_quick_end(fault: Fault) -> bool:
 def test_saf_022_025_a_hostile_peer_keeps_no_stop_back(fault: Fault, before_s: float) -> None:
     async def test(peer: HostilePeer) -> None:
         async with moving(peer, fault.rig) as trial:
-            if fault.kind == "bomb":  # it makes all else slow
+            if fault.kind == "bomb":  # a bomb makes everything else slow
                 tracemalloc.start()
             try:
                 fault.begin(peer)
                 await trio.sleep(before_s)
                 asked = trial.ask()
                 answer = await stopped(trial, Reason.STOP)
-                _, most = tracemalloc.get_traced_memory()  # 0 when nothing was traced
+                _, most = tracemalloc.get_traced_memory()  # 0 if nothing was traced
             finally:
                 tracemalloc.stop()
             assert most <= MOST_MEMORY, f"it grew by {most >> 20} MB"
@@ -289,7 +294,7 @@ def test_saf_022_025_a_hostile_peer_keeps_no_stop_back(fault: Fault, before_s: f
 
 @pytest.mark.parametrize("fault", _long(FAULTS, is_quick_end), ids=str)
 def test_saf_022_025_the_caller_ends_behind_a_hostile_peer(fault: Fault) -> None:
-    """The root says so to the gate, as it does when the process of the caller is gone."""
+    """The root reports the end of the caller to the gate, as when the caller's process is gone."""
 
     async def test(peer: HostilePeer) -> None:
         async with moving(peer, fault.rig) as trial:
@@ -309,10 +314,10 @@ RESETS = [robot for robot, rig in RIGS.items() if not rig.login]
     "every", [False, pytest.param(True, marks=pytest.mark.long)], ids=["some bytes", "each byte"]
 )
 def test_saf_022_a_connection_that_is_reset_at_a_byte_of_its_handshake(robot: str, every: bool) -> None:
-    """The link is lost while the robot moves, and no new one lives longer than so many bytes."""
+    """The link is lost while the robot moves, and each new one is reset after so many bytes."""
 
     async def test(peer: HostilePeer) -> None:
-        fault = Fault(robot, "flood")  # what comes through is the robot's own
+        fault = Fault(robot, "flood")  # the robot's own bytes get through
         streams, datagrams = (0, 1, 7, 20, 60), (7,)
         some = streams if fault.rig.handshake > max(streams) else datagrams
         numbers: Sequence[int] = range(fault.rig.handshake) if every else some

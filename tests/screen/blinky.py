@@ -1,8 +1,7 @@
-"""A driver of somebody else's, not in our registry: a one-joint robot on a TCP line protocol, with
-its twin.
+"""A third party's driver that is not in our registry: a one-joint robot on a TCP line protocol, with its twin.
 
-Lines: ``P`` asks for the position, ``G 1.5`` sets the goal, ``E`` energises, ``S`` holds, ``L``
-goes limp. The robot answers each with ``<position> <energised>``.
+Requests: ``P`` asks for the position, ``G 1.5`` sets the goal, ``E`` energises, ``S`` holds, ``L`` goes limp.
+The robot answers each with ``<position> <energised>``.
 """
 
 from __future__ import annotations
@@ -134,7 +133,7 @@ class BlinkyStopChannel(StopChannel):
 
 
 class BlinkyTwin:
-    """The robot: one conversation per client, one joint for all."""
+    """The robot: one conversation per client, one joint for all clients."""
 
     KINDS: ClassVar[Mapping[str, str]] = {"P": "read", "G": "setpoint", "E": "enable", "S": "safe", "L": "safe"}
 

@@ -1,4 +1,4 @@
-"""Shells complete commands, and the names of robots."""
+"""Test the shell completion of commands and robot names."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from tests.cli.command import Command, RobotProcess
 
 
 def completed(cli: Command, line: str) -> list[str]:
-    """What bash is offered for the last word."""
+    """Return the completions that bash gets for the last word."""
     words = line.split(" ")
     cli.environment |= {
         "_STRANDS_ACTORS_COMPLETE": "complete_bash",

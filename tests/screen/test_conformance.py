@@ -1,4 +1,4 @@
-"""The conformance suite finds what is wrong with a driver, and finds nothing where nothing is."""
+"""Test that the conformance suite finds the defects of a driver, and nothing in a correct one."""
 
 from __future__ import annotations
 
@@ -129,7 +129,7 @@ def test_what_fails_at_run_time_is_a_result_too() -> None:
 
 
 def test_one_bench_is_open_at_a_time_and_none_is_left(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Whoever runs only some of a driver's cells keeps no moving robot beside all other tests."""
+    """A run of only some of a driver's cells must not leave a moving robot behind during other tests."""
     opened: list[str] = []
 
     class FakeBench:

@@ -1,5 +1,4 @@
-"""``doctor``: it finds what is broken, says the remedy, and only what every robot needs makes it
-fail."""
+"""Test ``doctor``: it reports defects with their remedies. It fails only on what every robot needs."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The drill passes on a twin, fails on wiring that was changed, and a robot can require it."""
+"""Test the drill: it passes on a twin and fails on changed wiring. A robot can require a drill."""
 
 from __future__ import annotations
 
@@ -56,18 +56,18 @@ STEPS = {
     "unitree_g1": WITHOUT,
     "unitree_go2": WITHOUT,
 }
-"""One of each driver with a twin."""
+"""One robot of each driver that has a twin."""
 DRILLED = ("so101", "xarm7", "earthrover", "spot", "crazyflie", "unitree_g1")
-"""One of each kind of stop channel: a duplicate descriptor, a connection when it is needed, a session
-kept up, a process of its own, a radio, datagrams. The faults of a drill are cells that are run of
-every driver, in its conformance or in ``tests/kill``."""
+"""One robot for each kind of stop channel: a duplicate descriptor, a connection on demand, a session kept up, a
+separate process, a radio, datagrams. The faults of a drill are run as cells for every driver, in its
+conformance tests or in ``tests/kill``."""
 ATTEMPTS = 4
-"""A bound of 10 ms is not always held by a machine that runs other tests meanwhile."""
+"""A machine that runs other tests at the same time sometimes misses a bound of 10 ms."""
 
 
 @pytest.fixture(autouse=True)
 def data(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, cli: Command) -> Path:
-    """Where this test's certificates lie."""
+    """Return the folder of this test's certificates."""
     monkeypatch.setenv("STRANDS_ACTORS_DATA", str(tmp_path / "data"))
     cli.environment["STRANDS_ACTORS_DATA"] = str(tmp_path / "data")
     return tmp_path / "data"
@@ -121,7 +121,7 @@ def test_saf_003_it_passes_on_a_twin_and_leaves_a_certificate(cli: Command, robo
 
 
 def test_it_fails_when_one_line_of_the_safety_wiring_is_changed(cli: Command, tmp_path: Path) -> None:
-    """The example of docs/safety-evidence.md: the root's own path takes the safe state of a late writer."""
+    """The example of docs/safety-evidence.md: the root's stop uses the safe state of a late writer."""
     package = Path(strands_actors.__file__).parent
     copy = tmp_path / "changed"
     shutil.copytree(package, copy / "strands_actors", ignore=shutil.ignore_patterns("__pycache__"))

@@ -1,5 +1,5 @@
-"""Which report a step of a drill takes for its proof: one for its own reason, confirmed, by whoever
-made safe."""
+"""Test which report a drill accepts as proof of a step: confirmed, with the step's reason, from any process
+that stopped the robot."""
 
 from __future__ import annotations
 
@@ -28,8 +28,7 @@ def report(reason: Reason, confirmed: bool = True, at_ns: int = BEGAN_NS + 1) ->
 
 
 class Tree:
-    """Says in turn what was last reported by the gate and by the root; then the last of it for
-    ever."""
+    """Yields the newest reports of gate and root one pair at a time, then repeats the last pair."""
 
     driver = None
 
@@ -76,8 +75,11 @@ def test_another_reason_or_an_earlier_stop_is_none() -> None:
 
 
 class Hand:
-    """A robot whose cable a person pulls and puts back. ``confirmed_s``: when its safe state was
-    confirmed, counted from the pull; None: never."""
+    """A robot from which a person unplugs the cable and plugs it in again.
+
+    Args:
+        confirmed_s: When its safe state was confirmed, in seconds after the unplugging; None for never.
+    """
 
     PULLED_S, BACK_S = 5.0, 8.0
     began_s = 0.0

@@ -1,4 +1,4 @@
-"""What a forked process shares with one that is executed."""
+"""Test that a forked process behaves like an executed one."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ def forks() -> Iterator[ForkServer]:
 
 
 def run(forks: ForkServer, call: str, **arguments: object) -> tuple[int, bytes | None]:
-    """Exit code, and what it said on stderr."""
+    """Return the exit code and the output on stderr."""
     said, stderr = os.pipe()
     with open(os.devnull, "rb") as nothing, open(stderr, "wb") as errors:
         pid = forks.fork(call, arguments, (nothing.fileno(), errors.fileno()))

@@ -1,4 +1,4 @@
-"""The kill matrix as a page: what is not safe stands out, what is not applicable says why."""
+"""Test the page of the kill matrix: unsafe cells stand out, and cells that do not apply give the reason."""
 
 from __future__ import annotations
 
@@ -75,8 +75,8 @@ def test_late_is_excused_only_when_the_machine_explains_it_and_unsafe_never() ->
 def test_another_safe_state_is_excused_only_when_the_machine_explains_it_and_nothing_follows(
     tmp_path: Path,
 ) -> None:
-    """A wire that got no processor was fenced before the caller's lease had lapsed: limp, not
-    hold."""
+    """A wire process that got no processor was fenced before the caller's lease lapsed. So the robot went limp
+    and did not hold."""
 
     def read_of(stood_ms: float, *kinds: str, brought_to: str = "limp") -> Outcome:
         path = tmp_path / "wire.ndjson"
@@ -98,7 +98,7 @@ def test_another_safe_state_is_excused_only_when_the_machine_explains_it_and_not
 
 
 def write_log(path: Path, kinds: str, mark: str) -> int:
-    """Write frames of the host, one a nanosecond, but for ``mark``. Return when that was."""
+    """Write one frame of the host per nanosecond, and none at ``mark``. Return the time of ``mark``."""
     words = kinds.split()
     rows = [{"t_ns": at, "from": "host", "kind": kind, "hex": ""} for at, kind in enumerate(words, 1)]
     path.write_text("".join(json.dumps(row) + "\n" for row in rows if row["kind"] != mark))
@@ -138,7 +138,7 @@ def test_a_robot_that_the_fault_had_brought_to_the_safe_state_is_safe_when_the_s
 def test_what_had_reached_a_robot_while_it_was_away_counts_when_it_is_back(
     kinds: str, safe: bool, safe_ms: float, tmp_path: Path
 ) -> None:
-    """It stands in the log with the time at which it came, not with that at which it was found."""
+    """The log has the time at which a frame arrived, not the time at which the robot read it."""
     path = tmp_path / "wire.ndjson"
     back_ns = write_log(path, kinds, "back")
     cell = Cell(Victims.TWIN, Faults.FREEZE)
@@ -206,7 +206,7 @@ def test_one_robot_is_measured_again_and_the_page_keeps_the_others(
     out.with_suffix(".json").write_bytes(encode(columns_of([koch, so101], some_trials(outcome(7.0)))))
     kept = load(out.with_suffix(".json"))
     assert kept["koch"].rows == [koch] and kept["koch"].rows[0].worst_ms is None
-    monkeypatch.setattr("strands_actors.surfaces.cli.matrix.trio.run", no_bench)  # nothing is measured
+    monkeypatch.setattr("strands_actors.surfaces.cli.matrix.trio.run", no_bench)  # the test measures nothing
     monkeypatch.setattr("strands_actors.surfaces.cli.matrix._roles_of", lambda _: {"so101": ("root", "standby")})
     assert run(["matrix", "--drivers", "so101", "-o", str(out)]) == 1
     written = load(out.with_suffix(".json"))
@@ -233,7 +233,7 @@ def usual_cells(robot: str, driver: Driver) -> Iterator[Cell]:
 
 
 def left(plan: Plan, robot: str = "") -> list[Order]:
-    """What a worker is given that has a bench of ``robot``."""
+    """Return the orders that a worker gets which has a bench of ``robot``."""
     orders: list[Order] = []
     while (order := plan.next_for(orders[-1].robot if orders else robot)) is not None:
         orders.append(order)
@@ -250,8 +250,7 @@ def test_a_robot_that_runs_first_has_one_bench_and_every_order_is_given_once() -
 
 
 def test_a_process_that_waits_for_a_processor_is_seen_to() -> None:
-    """Two that spin on the one processor that both may use: each stands in line half of the
-    time."""
+    """Two spinning processes share one processor, so each waits half of the time."""
     alone = {min(os.sched_getaffinity(0))}
     with spinning(2) as processes:
         for process in processes:
@@ -300,7 +299,7 @@ def test_two_trials_of_a_driver_of_somebody_elses() -> None:
 
 @pytest.mark.long
 def test_trials_side_by_side_of_a_driver_of_somebody_elses() -> None:
-    """Through the worker processes; what they cannot measure they say."""
+    """The trials run in worker processes. A worker reports the orders that it cannot measure."""
     drivers: dict[str, type[Driver] | None] = {"blinky": Blinky}
     plan, trials = Plan(drivers, 1, some_trials(), usual_cells), some_trials()
     orders = [order for order in left(plan) if (order.victim, order.fault) == ("wire", "kill")]
@@ -312,7 +311,7 @@ def test_trials_side_by_side_of_a_driver_of_somebody_elses() -> None:
 
 
 class Given(Plan):
-    """These orders."""
+    """A plan with exactly these orders."""
 
     def __init__(self, orders: list[Order]) -> None:
         self._orders = orders

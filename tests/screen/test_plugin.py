@@ -1,5 +1,4 @@
-"""The pytest plugin: it costs nothing until a fixture is asked for, and then there is a real
-robot."""
+"""Test the pytest plugin: it costs nothing until a test uses a fixture. The fixture then runs a real tree."""
 
 from __future__ import annotations
 
@@ -37,7 +36,7 @@ def test_it_is_an_entry_point_under_its_own_name() -> None:
 def test_it_imports_nothing_by_itself(tmp_path: Path) -> None:
     (tmp_path / "test_it.py").write_text(NOTHING)
     command = [sys.executable, "-m", "pytest", "-q", "-p", "strands_actors.pytest_plugin", str(tmp_path)]
-    alone = {**os.environ, "PYTEST_DISABLE_PLUGIN_AUTOLOAD": "1"}  # what other plugins import is theirs
+    alone = {**os.environ, "PYTEST_DISABLE_PLUGIN_AUTOLOAD": "1"}  # without the import time of other plugins
     done = subprocess.run(command, capture_output=True, text=True, cwd=tmp_path, env=alone, check=False)
     assert done.returncode == 0, done.stdout
 
@@ -49,7 +48,7 @@ def test_a_robot_of_theirs(strands_robot: Callable[..., tuple[RealRobot, Twin]])
     assert [entry.safe_state for entry in twin.log.host("safe")] == ["limp"]
 
 
-# -- what the log is asked
+# -- queries of the log
 
 SETPOINT, SAFE, READ = (
     '{"t_ns": %d, "from": "host", "kind": "' + kind + '", "hex": "01"}\n' for kind in ("setpoint", "safe", "read")

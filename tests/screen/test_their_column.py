@@ -1,5 +1,4 @@
-"""What somebody with a driver of his own writes to get his column: ten lines, of which these are
-all."""
+"""All that the author of a third-party driver writes for a column of the matrix: ten lines."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""``top``: what it says of robots that run, and that its keys reach them."""
+"""Test ``top``: what it shows of running robots, and that its keys reach them."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ Script = Callable[[Top, Pilot[None]], Awaitable[None]]
 
 
 def on_screen(cli: Command, monkeypatch: pytest.MonkeyPatch, script: Script) -> None:
-    """Run a script against the app, in the world of ``cli``."""
+    """Run a script against the app, in the environment of ``cli``."""
     monkeypatch.setenv("STRANDS_ACTORS_RUN", cli.environment["STRANDS_ACTORS_RUN"])
 
     async def run() -> None:
@@ -53,7 +53,7 @@ async def until(pilot: Pilot[None], look: Callable[[], bool], what: str) -> None
 
 
 def rows(app: Top) -> dict[str, dict[str, str]]:
-    """By robot, then by column."""
+    """Return the table's cells by robot and column."""
     table: Any = app.query_one("#robots")
     found = {}
     for at in range(table.row_count):
@@ -208,8 +208,8 @@ def test_without_a_terminal_it_says_what_to_use_instead(cli: Command) -> None:
 
 @pytest.fixture
 def shown_in_a_terminal(cli: Command) -> Iterator[tuple[subprocess.Popen[str], int, int]]:
-    """``top``, and both ends of its terminal, which is no controlling one: nobody signals that it
-    has gone."""
+    """Run ``top`` in a terminal, and yield the process with both ends. It is no controlling terminal, so no
+    signal reports that it is gone."""
     screen, terminal = pty.openpty()
     ioctl(terminal, termios.TIOCSWINSZ, struct.pack("HHHH", 36, 120, 0, 0))
     cli.environment["TERM"] = "xterm-256color"
@@ -230,7 +230,7 @@ def shown_in_a_terminal(cli: Command) -> Iterator[tuple[subprocess.Popen[str], i
 
 
 LEAVES_S = 10.0
-"""Far more than it takes, for a busy machine; before, it stayed for ever."""
+"""Far more than it takes, for a busy machine. It once stayed for ever."""
 
 
 def test_saf_015_it_ends_with_its_terminal(shown_in_a_terminal: tuple[subprocess.Popen[str], int, int]) -> None:

@@ -1,10 +1,10 @@
-"""The vendor's own client at a T1, a process of its own.
+"""The vendor's own client for a T1, in a separate process.
 
     python sdk_client.py DOMAIN PID
 
-Reads what the robot tells, calls its service, sends commands; then stops the robot's process (PID),
-has a call fail, lets the process go on and asks again. Says in lines of JSON what came of each
-step.
+It reads the robot's topics, calls its service and sends commands. Then it stops the robot's process (PID),
+makes a call that fails, continues the process and calls again. It prints the result of each step as a line of
+JSON.
 """
 
 from __future__ import annotations
@@ -25,8 +25,8 @@ COMMANDS = 50
 ELBOW = 4
 MOTORS = 23
 KEPT: list[object] = []
-"""Callbacks, each many times. The SDK copies a callback without the interpreter's lock, so that
-references to it are lost now and then; at none it would free it, and the process would abort."""
+"""Callbacks, with many references each. The SDK copies a callback without the interpreter's lock, so a
+reference is lost now and then. At zero references the callback would be freed, and the process would abort."""
 REFERENCES = 10_000
 
 
@@ -45,7 +45,7 @@ def call(name: str, function: Callable[[], object]) -> object:
 
 
 def heard(make: Callable[[Callable[[object], None]], object], row: Callable[[object], list[float]]) -> list[float]:
-    """The first that comes of a topic. A sample is valid within its callback only."""
+    """Return the first sample of a topic. A sample is valid only within its callback."""
     rows: list[list[float]] = []
     come = threading.Event()
 
@@ -116,7 +116,7 @@ def main(domain: int, pid: int) -> None:
     drive(client)
     stop_it(client, pid)
     say(done=True)
-    os._exit(0)  # its library's threads keep a process that ends in the usual way
+    os._exit(0)  # the threads of its library keep the process from a normal exit
 
 
 main(int(sys.argv[1]), int(sys.argv[2]))

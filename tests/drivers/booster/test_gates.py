@@ -1,4 +1,5 @@
-"""SAF-014: what a T1 is not told. Pure: each gate and each condition by itself, with its words."""
+"""SAF-014: test the commands that a T1 is not sent: each gate and each condition by itself, with its message.
+No I/O."""
 
 from __future__ import annotations
 
@@ -39,8 +40,8 @@ def t1(**options: Any) -> BoosterDriver:
 
 
 def observation(age_s: float = 0.0, **sensors: Row | None) -> Observation:
-    """Of a robot that may be commanded, but for what is given; a sensor that is None is not
-    there."""
+    """Return an observation of a robot that accepts commands, changed by ``sensors``. A sensor of None is
+    missing."""
     stamp_ns = NOW_NS - round(age_s * NS)
     known: dict[str, Row] = {
         "fall_state": (float(Fall.IS_READY), NOW_S),
@@ -60,7 +61,7 @@ def state(target: Row = (), period_s: float = 0.01, seen: Observation | None = N
 
 
 def verdict(driver: BoosterDriver, action: Any, at: GateState) -> Candidate | Refused:
-    """As the gate asks: the conditions, the parser, the gates."""
+    """Judge an action as the gate does: the conditions, the parser, the gates."""
     for condition in driver.conditions:
         refusal = condition.check(at.observation, at.now_ns)
         if refusal is not None:
@@ -81,7 +82,7 @@ def refused(action: Any, at: GateState | None = None) -> Refused:
     return answer
 
 
-# -- what is accepted
+# -- accepted commands
 
 
 def test_the_eight_names_of_the_upper_body_and_no_other() -> None:
@@ -101,7 +102,7 @@ def test_a_number_or_a_dict_with_q(value: object) -> None:
     assert t1().commanded({"left_elbow_pitch": value}, answer.values)["slots"] == [4]
 
 
-# -- what is refused
+# -- refused commands
 
 
 @pytest.mark.parametrize("joint", ["left_knee_pitch", "waist", "head_yaw", "right_crank_up", "left_hip_roll.pos"])
@@ -176,7 +177,7 @@ def test_custom_mode_is_not_for_us() -> None:
 
 
 def test_saf_012_a_mode_that_is_old_or_unknown() -> None:
-    """It may be custom mode by now."""
+    """The robot may be in custom mode by now."""
     old = observation(mode=(float(Mode.WALKING), NOW_S - 1.1))
     answer = refused({"left_elbow_pitch": 0.0}, state(seen=old))
     assert answer.code == "mode_stale" and "its mode is 1.1 s old (limit 1.0 s)" in answer.reason
@@ -205,7 +206,7 @@ def test_a_fall_ends_what_is_live_and_what_is_held() -> None:
         assert condition.always and condition.reason is Reason.FAULT and condition.safe_state == SafeState.STOP
 
 
-# -- where it goes on from
+# -- the start of a motion
 
 
 def test_saf_011_it_goes_on_from_where_it_is() -> None:

@@ -1,5 +1,8 @@
-"""Whether a T1's mode is known, and whose its arms are: what is asked, what is believed, and what is
-taken back. Judged by the twin's log where there is one."""
+"""Test whether the mode of a T1 is known, and which program controls its arms.
+
+The tests cover the requests, the answers that count, and the return of the arms. Where there is a twin, its log
+decides.
+"""
 
 from __future__ import annotations
 
@@ -34,7 +37,7 @@ from .test_tree import T1, steadily, t1
 NOBODY = BoosterConfig(model_of("booster_t1"), "127.0.0.78")
 TICK_NS = NS // 100
 WALKING, SOCCER, CUSTOM = (rpc.change_mode(mode) for mode in (Mode.WALKING, Mode.SOCCER, Mode.CUSTOM))
-"""As GetMode answers, too."""
+"""Requests that also have the form of an answer to GetMode."""
 
 
 @pytest.fixture
@@ -44,7 +47,7 @@ def robot(tmp_path: Path, run_dir: Path) -> Iterator[T1]:
 
 
 class Service:
-    """The robot's service, for a link that has nobody at its other end."""
+    """The robot's service, for a link without a peer."""
 
     def __init__(self, link: Link) -> None:
         self.asked: list[tuple[Api, str]] = []
@@ -57,7 +60,7 @@ class Service:
         return True
 
     def answer(self, api: Api, status: int = rpc.OK, body: str = "", question: int = -1) -> None:
-        """``question``: which one of this kind; the last."""
+        """Answer a request of this kind. ``question`` is its index; the default is the last."""
         at = [at for at, (asked, _) in enumerate(self.asked) if asked == api][question]
         self._heard[at](Response("", status, body))
 
@@ -67,7 +70,7 @@ class Service:
 
 @pytest.fixture
 def session() -> Iterator[BoosterSession]:
-    """Of a robot that has told its mode at the time 0, and handed its arms over."""
+    """Return the session of a robot that reported its mode at the time 0 and handed over its arms."""
     session = BoosterSession(NOBODY, MonotonicClock())
     session.note_mode(Mode.WALKING, 0)
     session.ours = Mode.WALKING
@@ -75,7 +78,7 @@ def session() -> Iterator[BoosterSession]:
     session.link.close()
 
 
-# -- what is believed
+# -- answers that count
 
 
 def test_saf_012_a_mode_that_is_not_told_any_more_takes_the_arms_away(session: BoosterSession) -> None:
@@ -102,7 +105,7 @@ def test_saf_012_an_answer_that_tells_no_mode_says_that_it_may_be_any(
 
 
 def test_saf_012_a_mode_is_as_old_as_the_question_for_it(session: BoosterSession) -> None:
-    """Its answer may have been on its way for long; one to an earlier question tells nothing new."""
+    """An answer may have been under way for long. An answer to an earlier request proves nothing new."""
     service = Service(session.link)
     session.poll(round(0.3 * NS))
     session.poll(round(0.6 * NS))
@@ -118,7 +121,7 @@ def test_saf_012_a_mode_is_as_old_as_the_question_for_it(session: BoosterSession
 def test_the_mode_is_asked_more_often_while_the_arms_are_ours(
     session: BoosterSession, has_arms: bool, answered: int | None, times: int
 ) -> None:
-    """As far as the robot answers: one that says nothing, or that it is too often, is left alone."""
+    """This depends on the answers: a robot that is silent, or complains of too many requests, gets fewer."""
     service = Service(session.link)
     session.ours = Mode.WALKING if has_arms else None
     for at in range(1, 101):
@@ -131,7 +134,7 @@ def test_the_mode_is_asked_more_often_while_the_arms_are_ours(
 
 
 def test_saf_012_a_hold_ends_when_the_mode_becomes_custom() -> None:
-    """Its frames are commands, too: the legs would let go."""
+    """The frames of a hold are commands, too. In custom mode they would make the legs let go."""
     link = Link(NOBODY, MonotonicClock())
     service, held = Service(link), []
     link.send_hold = lambda q: bool(held.append(q)) or True  # type: ignore[method-assign, func-returns-value]
@@ -156,7 +159,7 @@ def test_saf_012_a_hold_ends_when_the_mode_becomes_custom() -> None:
     assert 0 < until_then == len(held), "and none leaves behind that answer"
 
 
-# -- what becomes of it
+# -- the consequences
 
 
 def test_saf_012_a_robot_that_answers_with_errors_is_stopped(robot: T1) -> None:
@@ -174,7 +177,7 @@ def test_saf_012_a_robot_that_answers_with_errors_is_stopped(robot: T1) -> None:
 
 
 def test_saf_012_a_robot_that_answers_everything_but_its_mode_is_stopped(robot: T1) -> None:
-    """The link does not count as lost then."""
+    """The link does not count as lost in this case."""
     robot.enable()
     robot.elbow(0.1)
     began_ns = time.monotonic_ns()
@@ -192,7 +195,7 @@ def test_saf_012_a_robot_that_answers_everything_but_its_mode_is_stopped(robot: 
 
 
 def test_saf_002_nothing_is_sent_to_the_arms_once_the_robot_has_told_another_mode(robot: T1) -> None:
-    """What leaves between the change and the answer nobody can call back."""
+    """Frames that leave between the change and the answer cannot be called back."""
     robot.enable()
     robot.elbow(0.1)
     began_ns = time.monotonic_ns()
@@ -210,11 +213,11 @@ def test_saf_002_nothing_is_sent_to_the_arms_once_the_robot_has_told_another_mod
     assert asked and told / asked < 12, "it is asked every few commands"
 
 
-# -- what is taken back
+# -- the return of the arms
 
 
 def with_wire(served: TwinProcess, act: Callable[[BoosterWire], Awaitable[None]]) -> None:
-    """Let it act on a wire that is open and armed, and read all the time."""
+    """Run ``act`` on an open and armed wire that is read all the time."""
 
     async def read(wire: BoosterWire) -> None:
         while True:
@@ -237,7 +240,7 @@ def with_wire(served: TwinProcess, act: Callable[[BoosterWire], Awaitable[None]]
 
 
 async def whose(served: TwinProcess, *wanted: str) -> None:
-    """Wait until the twin's log says so of the upper body."""
+    """Wait until the twin's log names this owner of the upper body."""
 
     def told() -> tuple[str, ...]:
         entries = WireLog(served.log_path).entries()
@@ -253,7 +256,7 @@ async def takes(wire: BoosterWire) -> None:
 
 @pytest.mark.parametrize("safe_state", ["hold", "stop"])
 def test_saf_009_a_hand_over_that_a_hold_cuts_short_is_taken_back(tmp_path: Path, safe_state: str) -> None:
-    """As the transport does: the service is cancelled, then the robot is made safe."""
+    """The transport does the same: it cancels the service, then makes the robot safe."""
     with twin(tmp_path) as served:
 
         async def cut(wire: BoosterWire) -> None:
@@ -261,7 +264,7 @@ def test_saf_009_a_hand_over_that_a_hold_cuts_short_is_taken_back(tmp_path: Path
             await trio.sleep(0.1)
             async with trio.open_nursery() as nursery:
                 nursery.start_soon(takes, wire)
-                await whose(served, "host")  # and it has not been answered
+                await whose(served, "host")  # the request has not been answered yet
                 nursery.cancel_scope.cancel()
             await wire.make_safe(safe_state)
             served.command("answer UPPER_BODY -")
@@ -313,7 +316,7 @@ def test_a_hand_over_that_is_asked_for_again_is_not_taken_back(tmp_path: Path) -
             ask = calls.ask
             calls.ask = lambda api, body, heard, stop=False: (  # type: ignore[method-assign]
                 False if body == rpc.upper_body(False) else ask(api, body, heard, stop)
-            )  # giving back does not get through
+            )  # the request to return the arms is lost
             await takes(wire)
             served.command("answer UPPER_BODY -")
             await trio.sleep(0.1)

@@ -1,5 +1,4 @@
-"""The frames of a T1 and its service: offsets as they were heard of the vendor's SDK, and damaged
-ones."""
+"""Test the frames of a T1 and its service: offsets recorded from the vendor's SDK, and damaged frames."""
 
 from __future__ import annotations
 
@@ -48,7 +47,7 @@ CAPTURED = (
     b'N\0\0\0{"api_id":2001,"call_mode":0,"req_id":"24a6a703-ab7b-4e9f-97a4-e214c36f621c"}\0\0\0'
     b'/\0\0\0{"vx":0.10000000149011612,"vy":0.0,"vyaw":0.0}\0\0'
 )
-"""A request of the vendor's SDK 1.6.3, as it was on the wire."""
+"""A request of the vendor's SDK 1.6.3, recorded from the wire."""
 
 
 def test_a_command_has_its_numbers_where_the_robot_looks_for_them() -> None:
@@ -74,7 +73,7 @@ def test_a_state_has_two_copies_of_its_motors() -> None:
     assert struct.unpack_from("<I", body, 36) == struct.unpack_from("<I", body, 868) == (MOTORS,)
     assert p.decode_state(body) == STATE
     other = bytearray(body)
-    struct.pack_into("<f", other, 872 + 36 * 3 + 4, 9.0)  # q of slot 3, of the second copy
+    struct.pack_into("<f", other, 872 + 36 * 3 + 4, 9.0)  # q of slot 3, in the second copy
     assert p.decode_state(bytes(other), CommandType.PARALLEL).q[3] == 0.75
     assert p.decode_state(bytes(other), CommandType.SERIAL).q[3] == 9.0
 
@@ -176,7 +175,8 @@ def test_what_is_none_is_refused(decode: Callable[[object], object], body: objec
 
 
 def test_damaged_frames_raise_nothing_but_the_codec_s_own() -> None:
-    """Bits flipped, bytes cut, added and moved: nothing else is raised, and nothing grows."""
+    """Bits are flipped, bytes are cut, added and moved. Only the codec's error is raised, and memory does not
+    grow."""
     whole: list[tuple[Callable[[bytes], object], bytes]] = [
         (p.decode_command, p.encode_command(COMMAND)),
         (p.decode_state, p.encode_state(STATE)),

@@ -1,4 +1,4 @@
-"""Its simulation moves."""
+"""Test that the simulation moves."""
 
 from __future__ import annotations
 

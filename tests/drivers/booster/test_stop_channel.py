@@ -1,4 +1,4 @@
-"""The root's participant alone, at a twin: what it sends, in which order, and what it reports."""
+"""Test the root's participant alone, with a twin: what it sends, in which order, and its reports."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ def config(served: TwinProcess) -> BoosterConfig:
 
 
 def with_channel(served: TwinProcess, act: Callable[[BoosterStopChannel], Awaitable[Reports]]) -> Reports:
-    """What ``act`` returns of a channel that is ready."""
+    """Return the result of ``act`` on a ready channel."""
 
     async def main() -> Reports:
         channel = BoosterStopChannel(config(served), (), MonotonicClock())
@@ -54,7 +54,7 @@ def with_channel(served: TwinProcess, act: Callable[[BoosterStopChannel], Awaita
 
 
 def frames(served: TwinProcess) -> list[str]:
-    """What the host has sent, in its order: the order's name, or ``hold`` of a LowCmd."""
+    """Return the host's messages in order: the name of an order, or ``hold`` for a LowCmd."""
     told: list[str] = []
     for entry in WireLog(served.log_path).entries():
         if entry.sender != "host":
@@ -78,13 +78,14 @@ def test_the_base_stands_the_arms_are_held_then_given_back(tmp_path: Path) -> No
 
 
 def test_in_custom_mode_it_sends_no_frame(tmp_path: Path) -> None:
-    """Its frame has nothing for the legs: there they would let go."""
+    """A frame has no targets for the legs, which would let go in this mode."""
     with twin(tmp_path, mode="custom") as served:
 
         async def twice(channel: BoosterStopChannel) -> Reports:
             await channel.make_safe("stop")
             await trio.sleep(0.5)
-            return await channel.make_safe("stop")  # it knows where the arms are from the beginning now
+            # now it knows the mode, and so the owner of the arms, from the beginning
+            return await channel.make_safe("stop")
 
         reports = with_channel(served, twice)
         assert all(report.safe for report in reports), "nothing comes of a Move there"

@@ -1,5 +1,5 @@
-"""A hold by itself, on arms that do what a test says: what is sent, believed and reported. In virtual
-time, with nobody at the other end."""
+"""Test a hold by itself: what is sent, accepted and reported. The test defines the motion of the arms. The
+tests run in virtual time, without a peer."""
 
 from __future__ import annotations
 
@@ -29,11 +29,11 @@ STATE_S = 0.002
 MOTORS = 23
 SLOW_RAD_S = 0.29
 Motion = Callable[[float], float]
-"""A position by the seconds since something."""
+"""A position as a function of the seconds since an event."""
 
 
 def low_state(q: float, dq: float = 0.0, readable: bool = True) -> memoryview:
-    """Encode one of arms that all are there. One that cannot be read has a torque that is no number, at a leg."""
+    """Encode a low state with all arm joints present. An unreadable one has a NaN torque at a leg."""
     at = range(FIRST_ARM, LAST_ARM + 1)
     rows = [tuple(value if slot in at else 0.0 for slot in range(MOTORS)) for value in (q, dq)]
     tau = (0.0,) * (MOTORS - 1) + (0.0 if readable else math.nan,)
@@ -42,15 +42,20 @@ def low_state(q: float, dq: float = 0.0, readable: bool = True) -> memoryview:
 
 
 class Arms:
-    """A robot that answers everything. ``turns`` is their motion without a hold, ``held`` how far they
-    go on from where the first frame finds them; None: they take no notice of it."""
+    """A robot that answers everything.
+
+    Args:
+        turns: The motion without a hold.
+        held: The motion after the first frame of a hold, from the position at that time. None: the arms ignore
+            the hold.
+    """
 
     def __init__(self, link: Link, turns: Motion, held: Motion | None = None) -> None:
         self.readable = True
         self.takes_after_s = 0.0
-        """From when on somebody takes commands."""
+        """The time from which the robot accepts commands."""
         self.frames: list[tuple[float, float]] = []
-        """Those that left: when, and where the first arm joint is held."""
+        """The frames that left: time, and hold position of the first arm joint."""
         self._link = link
         self._turns = turns
         self._held = held
@@ -64,7 +69,7 @@ class Arms:
         return self._turns(first_s) + self._held(now_s - first_s)
 
     async def tell(self) -> None:
-        """Tell states, for ever."""
+        """Send states for ever."""
         while True:
             self.say()
             await trio.sleep(STATE_S)
@@ -89,7 +94,7 @@ class Arms:
 @asynccontextmanager
 async def linked() -> AsyncIterator[Link]:
     link = Link(NOBODY, VirtualClock())
-    await trio.sleep(1.0)  # at the time 0 everything has just been tried
+    await trio.sleep(1.0)  # at the time 0 the code would count everything as just tried
     try:
         yield link
     finally:
@@ -97,7 +102,7 @@ async def linked() -> AsyncIterator[Link]:
 
 
 async def held(link: Link, arms: Arms) -> tuple[float, tuple[MotorReport, ...]]:
-    """Hold them. Return how long that took, and the reports."""
+    """Hold the arms. Return how long that took, and the reports."""
     arms.say()
     began_s = trio.current_time()
     async with trio.open_nursery() as nursery:
@@ -175,12 +180,12 @@ def test_saf_005_a_hold_is_not_confirmed_by_states_that_cannot_be_read() -> None
     run_virtual(test)
 
 
-# -- what counts as held
+# -- what counts as a hold
 
 
 @pytest.mark.parametrize("held_by", [here, lambda s: 0.15 * (1 - math.exp(-s / 0.05))], ids=["rests", "hangs"])
 def test_a_hold_counts_once_the_arms_rest(held_by: Motion) -> None:
-    """One that carries something sinks as it is held where it was, and does not come back."""
+    """An arm with a load sinks when it is held, and does not come back."""
 
     async def test() -> None:
         async with linked() as link:
@@ -196,8 +201,7 @@ def test_a_hold_counts_once_the_arms_rest(held_by: Motion) -> None:
 
 @pytest.mark.parametrize("rad_s", [SLOW_RAD_S, -SLOW_RAD_S, 0.22, 2.0])
 def test_saf_005_arms_that_turn_on_are_not_held(rad_s: float) -> None:
-    """As if they had been taken back by the robot's remote: it takes the frames, and nothing comes of
-    them."""
+    """The robot's remote has taken the arms back: the robot accepts the frames without any effect."""
 
     async def test() -> None:
         async with linked() as link:

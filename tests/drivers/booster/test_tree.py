@@ -1,4 +1,4 @@
-"""The T1's whole tree on its twin: real processes on RTPS. Judged by what the twin heard and did."""
+"""Test the T1's whole tree on its twin: real processes on RTPS. The twin's log decides."""
 
 from __future__ import annotations
 
@@ -30,8 +30,8 @@ from tests.drivers.common.twin_process import TwinProcess
 from tests.trees import armed, connected, first_safe
 
 ROLLS_S = 0.2
-"""In which the twin stands after a zero."""
-"""On the published bounds, for a busy machine."""
+"""The twin stands this long after a zero."""
+"""Added to the published bounds, for a busy machine."""
 TWIST_S = 0.3
 ELBOW = 4
 
@@ -53,7 +53,7 @@ class T1:
 
     @contextlib.contextmanager
     def commanded(self) -> Iterator[None]:
-        """Its elbow is told again and again where to be."""
+        """Send targets for its elbow throughout the block."""
         self.enable()
         over = threading.Event()
         writer = steadily(lambda: self.robot.send_action({"left_elbow_pitch": 0.1}), over)
@@ -65,7 +65,7 @@ class T1:
             writer.join()
 
     def busy(self) -> int:
-        """An arm on its way and the base walking; when that was ordered."""
+        """Start a motion of an arm and of the base. Return when they were ordered."""
         self.enable()
         self.elbow(self.robot.get_observation()["left_elbow_pitch"] + 0.15)
         json_of(self.robot.move(vx=0.3))
@@ -74,7 +74,7 @@ class T1:
         return at_ns
 
     def commands(self, since_ns: int = 0) -> list[tuple[Entry, Command]]:
-        """Every LowCmd."""
+        """Return every LowCmd."""
         entries = (entry for entry in self.log.entries(since_ns) if entry.sender == "host")
         return [(entry, p.decode_command(entry.data)) for entry in entries if b"api_id" not in entry.data]
 
@@ -84,7 +84,7 @@ class T1:
         return [(entry, request) for entry, request in found if request.api == api]
 
     def moves(self, since_ns: int = 0) -> list[tuple[int, float]]:
-        """When the base was told to move, and how fast ahead."""
+        """Return the time and the forward speed of each command to the base."""
         return [
             (entry.t_ns, json.loads(request.body)["vx"]) for entry, request in self.requests(Api.MOVE, since_ns)
         ]
@@ -204,7 +204,7 @@ def test_the_upper_body_can_be_given_back(robot: T1) -> None:
     assert "call enable_upper_body() first" in why(robot.robot.send_action({"left_elbow_pitch": 0.1}))
     robot.enable()
     robot.elbow(robot.robot.get_observation()["left_elbow_pitch"] + 0.1)
-    json_of(robot.robot.enable_upper_body(on=False))  # as disable_upper_body()
+    json_of(robot.robot.enable_upper_body(on=False))  # the same as disable_upper_body()
     assert "call enable_upper_body() first" in why(robot.robot.send_action({"left_elbow_pitch": 0.1}))
     at_ns = time.monotonic_ns()
     robot.enable()
@@ -225,7 +225,7 @@ def test_a_change_of_mode_takes_the_arms_away(robot: T1) -> None:
 
 
 def test_in_custom_mode_no_frame_is_sent_that_would_let_go_of_the_legs(robot: T1) -> None:
-    robot.enable()  # and nothing is commanded yet
+    robot.enable()  # no command was sent yet
     robot.twin.command("mode custom")
     until(lambda: state(robot.robot) == "disarmed", "it is stopped")
     assert "custom mode" in status(robot.robot)["cause"]
@@ -360,8 +360,7 @@ def test_saf_016_root_and_wire_at_once_leave_it_to_the_standby(robot: T1) -> Non
 
 @pytest.mark.long
 def test_saf_010_a_twist_that_is_taken_up_late_is_followed_by_zero(robot: T1) -> None:
-    """The robot's computer stands still with a twist on its way, and goes on after the caller gave
-    up."""
+    """The robot's computer pauses with a twist under way, and continues after the caller has given up."""
     robot.enable()
     os.kill(robot.twin.process.pid, signal.SIGSTOP)
     assert "not answered" in why(robot.robot.move(vx=0.5))
@@ -425,7 +424,7 @@ def test_saf_009_a_stop_during_a_hand_over_wins(robot: T1) -> None:
     assert "resume() first" in why(robot.robot.send_action({"left_elbow_pitch": 0.0}))
 
 
-# -- where it is, and what it is called
+# -- its address and its name
 
 
 def test_a_robot_with_a_name_has_topics_of_its_own(tmp_path: Path, run_dir: Path) -> None:

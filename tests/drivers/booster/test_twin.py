@@ -1,4 +1,4 @@
-"""The twin's computer and body, on a clock of the test's own."""
+"""Test the twin's computer and body. The test controls the clock."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ KNEE = 14
 
 
 class Twin:
-    """An ``Onboard`` whose time the test passes."""
+    """An ``Onboard`` with a clock that the test advances."""
 
     def __init__(self, mode: Mode = Mode.WALKING) -> None:
         self.events: list[tuple[str, str]] = []

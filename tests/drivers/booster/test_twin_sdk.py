@@ -1,4 +1,4 @@
-"""The vendor's SDK 1.6.3, unchanged, takes the twin for a T1."""
+"""Test that the vendor's unmodified SDK 1.6.3 accepts the twin as a T1."""
 
 from __future__ import annotations
 
@@ -19,9 +19,9 @@ from strands_actors.testing import WireLog
 from tests.drivers.common.twin_process import TwinProcess
 
 DOMAIN = 100 + os.getpid() % 50
-"""Two runs of these tests on one machine do not meet."""
+"""Two runs of these tests on one machine use different domains."""
 PATIENCE_S = 150.0
-"""Its constructor alone takes seconds, and a call that fails one to five."""
+"""The SDK's constructor alone takes seconds, and a call that fails takes one to five."""
 
 
 def test_the_sdk_drives_the_twin_and_what_timed_out_is_carried_out_late(tmp_path: Path) -> None:

@@ -1,5 +1,4 @@
-"""For wires in virtual time: a port in memory, with who is on the other end of it, and a permit to
-write."""
+"""For wires in virtual time: a port in memory with its peer, and a permit to write."""
 
 from __future__ import annotations
 
@@ -14,7 +13,7 @@ from strands_actors.contract.wire import PermitDenied, WireDown
 from strands_actors.drivers.common.twin import Robot
 
 Peer = Callable[[bytes], Iterable[tuple[float, bytes]]]
-"""Bytes of the master in, (delay in seconds, bytes) out."""
+"""Takes bytes of the master. Returns pairs of delay in seconds and bytes."""
 
 
 class MemoryPort:
@@ -68,7 +67,7 @@ class MemoryPort:
 
 
 def servos(bus: Robot, bits_per_s: int = 1_000_000) -> Peer:
-    """The twin's servos, with the time their replies take on a UART."""
+    """Return a peer with the twin's servos and the duration of their replies on a UART."""
     byte_s = 10 / bits_per_s
 
     def peer(data: bytes) -> Iterable[tuple[float, bytes]]:
@@ -85,8 +84,7 @@ def servos(bus: Robot, bits_per_s: int = 1_000_000) -> Peer:
 
 
 class Permission:
-    """Denies from check number ``denied_at`` on, and notes how much had been written at each
-    check."""
+    """A permit that denies from check number ``denied_at`` on. It notes the amount written at each check."""
 
     def __init__(self, port: MemoryPort | None = None, denied_at: int | None = None) -> None:
         self.checks = 0

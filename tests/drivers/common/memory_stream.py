@@ -1,6 +1,6 @@
-"""A connection in memory between a wire and a twin's own server: two pipes, the host's end, the robot's.
+"""A connection in memory between a wire and a twin's own server: two pipes, the host's end, the robot's end.
 
-For tests in virtual time. A twin that answers each write at once needs ``MemoryPort`` only.
+For tests in virtual time. A twin that answers each write at once needs only ``MemoryPort``.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from strands_actors.drivers.common.twin.server import Frost
 
 
 class Pipe:
-    """One direction of a connection: pieces in their order, then the end."""
+    """One direction of a connection: pieces in order, then the end."""
 
     def __init__(self) -> None:
         self._pieces: deque[bytes] = deque()
@@ -28,7 +28,7 @@ class Pipe:
         self._news.set()
 
     def close(self) -> None:
-        """End it. What is in it can still be taken."""
+        """End it. The reader still gets the remaining pieces."""
         self.closed = True
         self._news.set()
 
@@ -36,7 +36,7 @@ class Pipe:
         return self._pieces.popleft() if self._pieces else None
 
     async def get(self) -> bytes:
-        """Return nothing at the end."""
+        """Return the next piece, or empty bytes at the end."""
         await trio.lowlevel.checkpoint()
         while not self._pieces and not self.closed:
             self._news = trio.Event()
@@ -80,7 +80,7 @@ class MemoryStream:
 
 
 class MemoryConnection(Connection):
-    """The robot's end, as a handler of its server sees it."""
+    """The robot's end, as the handler of a server gets it."""
 
     def __init__(self, to_robot: Pipe, to_host: Pipe, log: Any) -> None:
         self._to_robot, self._to_host = to_robot, to_host

@@ -1,5 +1,5 @@
-"""Packages that a test brings with it: installed once into a folder of their own, kept in the
-user's cache, and put on the path of a child process. Ours stays as it is."""
+"""Install packages for one test once into a separate folder in the user's cache. It is put on the path of a
+child process, so our environment stays unchanged."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ MADE_S = 300.0
 
 
 def installed(name: str, packages: Sequence[str]) -> Path:
-    """Return the folder. ``packages`` are pinned, and come without what they need."""
+    """Return the folder. ``packages`` are pinned and are installed without their dependencies."""
     cache = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "strands-actors-tests"
     target = cache / f"{name}-{'-'.join(packages).replace('==', '-')}-{sys.version_info[1]}"
     if not (target / "made").exists():
@@ -24,7 +24,7 @@ def installed(name: str, packages: Sequence[str]) -> Path:
 
 
 def run_with(target: Path, program: str, *arguments: str, within_s: float) -> str:
-    """Run a program that imports these packages; return what it printed."""
+    """Run a program that imports these packages. Return its output."""
     done = subprocess.run(
         [sys.executable, "-c", program, *arguments],
         env={**os.environ, "PYTHONPATH": str(target)},

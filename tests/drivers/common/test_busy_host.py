@@ -1,5 +1,5 @@
-"""A host that has no time to read what servos answer is told from servos that do not answer, under
-virtual time."""
+"""Test that a busy host, which has no time to read answers, is distinguished from servos that do not answer.
+The tests run in virtual time."""
 
 from __future__ import annotations
 
@@ -19,8 +19,7 @@ both = pytest.mark.parametrize("rig_class", [FeetechRig, DynamixelRig])
 
 
 def starve(rig: Rig, code: int, motor: int, times: int) -> None:
-    """While this host waits for so many answers to such a question it does not run, and they get
-    lost."""
+    """Lose this many answers to such a request, because the host does not run while it waits for them."""
     port, peer, read = rig.port, rig.port.peer, rig.port.read
     left, hungry = times, False
 

@@ -1,4 +1,4 @@
-"""lerobot calibration files: where they are, and what is refused in them."""
+"""Test lerobot calibration files: where they are found, and which content is refused."""
 
 from __future__ import annotations
 
@@ -157,7 +157,7 @@ def test_a_calibration_may_be_a_path_or_a_dict(tmp_path: Path) -> None:
 
 
 def test_what_has_no_end_is_not_read(tmp_path: Path) -> None:
-    """``/dev/zero`` took 3.5 GB; a pipe without a writer would be waited for."""
+    """``/dev/zero`` once took 3.5 GB. A pipe without a writer would block."""
     os.mkfifo(tmp_path / "pipe")
     for path in (Path("/dev/zero"), tmp_path / "pipe", tmp_path):
         with pytest.raises(ValueError, match=r"cannot be read \(it is no file\)"):

@@ -1,4 +1,4 @@
-"""gRPC, both ends: calls, messages and statuses in any pieces, and whatever else may come."""
+"""Test both ends of gRPC: calls, messages and statuses in pieces of any size, and invalid bytes."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ from tests.drivers.disturbed import DISTURBED
 
 
 class Pair:
-    """A client's end and a server's, joined."""
+    """A client's end and a server's end, connected."""
 
     def __init__(self) -> None:
         self.client, self.server = ClientEnd("192.0.2.1:50051"), ServerEnd()
@@ -113,7 +113,7 @@ def test_a_call_that_is_given_up_ends_at_both_ends() -> None:
 
 
 def test_a_client_does_not_send_what_the_peer_has_no_room_for() -> None:
-    """What waits would leave late."""
+    """Messages in the queue would leave late."""
     pair = Pair()
     stream = pair.client.call("/a/B")
     pair.join()
@@ -151,11 +151,11 @@ def test_long_answers_come_in_pieces_and_before_the_status() -> None:
     assert pair.said == [Heard(stream, long)] * 3 + [Ended(stream, Status.OK)]
 
 
-# -- what else may come
+# -- invalid input
 
 
 def conversation() -> tuple[bytes, bytes]:
-    """All bytes of a client and of a server, in a few calls."""
+    """Return all bytes of a client and of a server in a few calls."""
     client, server = ClientEnd("h:1"), ServerEnd()
     there, back = b"", b""
     for number in range(4):
@@ -221,7 +221,7 @@ def test_noise_is_no_http2() -> None:
 
 
 class Peer:
-    """A stream in memory with a server's end behind it, that does what a test tells it."""
+    """A stream in memory with a server's end behind it, which the test controls."""
 
     def __init__(self) -> None:
         self.end = ServerEnd()
@@ -338,7 +338,7 @@ def test_several_tasks_wait_on_one_connection() -> None:
 
             nursery.start_soon(give_up)
             await trio.sleep(0.1)
-            given_up.cancel()  # it may be the one that reads for all
+            given_up.cancel()  # it may be the task that reads for all
             await trio.sleep(0.1)
             for event in [event for event in peer.events if isinstance(event, Heard)]:
                 if event.message:

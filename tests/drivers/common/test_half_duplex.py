@@ -1,4 +1,5 @@
-"""The half-duplex master in virtual time: who is answered by whom, and what a late reply may do."""
+"""Test the half-duplex master in virtual time: how it matches answers to requests, and the effect of a late
+reply."""
 
 from __future__ import annotations
 
@@ -51,7 +52,7 @@ def test_replies_are_matched_by_id_and_length() -> None:
                 (0.002, b"\x00\x17\xff"),  # noise
                 (0.003, status(2, 3, 4)),
                 (0.003, status(1, 5, 6)),
-                (0.003, status(1, 8, 9)),  # a second answer of the same id changes nothing
+                (0.003, status(1, 8, 9)),  # a second answer with the same id has no effect
             ]
         )
         replies = await bus.transact(protocol.sync_read((1, 2), 56, 2), {1: 2, 2: 2})
@@ -87,8 +88,8 @@ def test_the_timeout_is_the_time_of_the_bytes_and_a_margin() -> None:
 
 
 class StarvedPort(MemoryPort):
-    """On a host that does not get to run for ``starved_s`` while it waits for its first ``times``
-    answers."""
+    """A port on a host that does not run for ``starved_s`` during each of its first ``times`` waits for an
+    answer."""
 
     def __init__(self, peer: Peer, starved_s: float, times: int = 1) -> None:
         super().__init__(peer)
@@ -161,7 +162,7 @@ def test_a_torn_reply_starts_the_quiet_time() -> None:
 
 
 def test_a_question_that_was_given_up_is_heard_out_before_the_next() -> None:
-    """A stop gives up a reading: what it asks need not wait for longer than that one would have."""
+    """A stop gives up a reading. Its own request waits no longer than that reading would have."""
 
     async def main() -> None:
         bus, port = bus_of(lambda packet: [(0.010, status(1, packet.params[0]))])
@@ -195,8 +196,11 @@ def test_a_question_that_was_given_up_and_is_not_answered_starts_the_quiet_time(
 
 
 async def _late_replies(quiet_s: float) -> tuple[int, int]:
-    """Sixty questions, alternately for two registers of one size, every tenth answered 60 ms late.
-    Returns how many were answered, and how many of those with the other register's value."""
+    """Send sixty requests, alternately for two registers of one size. Every tenth answer is 60 ms late.
+
+    Returns:
+        The number of answers, and how many of them have the value of the other register.
+    """
     values = {62: 74, 63: 30}
     asked = 0
 
@@ -213,7 +217,7 @@ async def _late_replies(quiet_s: float) -> tuple[int, int]:
         if 1 in replies:
             answered += 1
             wrong += replies[1].params[0] != values[register]
-            await trio.sleep(0.01075)  # so that the fifth question after a late one is asked 59.5 ms after it
+            await trio.sleep(0.01075)  # so that the fifth request after a late one is sent 59.5 ms after it
     return answered, wrong
 
 
@@ -225,8 +229,7 @@ def test_a_late_reply_is_never_the_next_answer() -> None:
 
 
 def test_without_the_quiet_time_late_replies_are_taken_for_answers() -> None:
-    """What the quiet time is for: the same bus without it believes replies to questions it gave
-    up."""
+    """The reason for the quiet time: without it, the same bus takes late replies for answers to other requests."""
 
     async def main() -> None:
         answered, wrong = await _late_replies(0.0)
@@ -312,7 +315,7 @@ def test_only_one_suspect_is_asked_at_a_time_unless_all_are() -> None:
 
 def test_one_dead_servo_leaves_the_others_half_their_rate() -> None:
     async def rate(dead: frozenset[int], seconds: float) -> float:
-        """Readings of the living per second at 100 Hz."""
+        """Return the readings of working servos per second at 100 Hz."""
 
         def answer(packet: protocol.Packet) -> Iterable[tuple[float, bytes]]:
             motors = [motor for motor in packet.params[2:] if motor not in dead]

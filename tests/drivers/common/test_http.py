@@ -1,5 +1,5 @@
-"""HTTP: messages as bytes, and the port that asks. What a service may not do to us is counted in parts
-of messages and bytes, in virtual time."""
+"""Test HTTP: messages as bytes, and the client's port. Limits on a service are counted in parts of messages and
+bytes, in virtual time."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ REQUEST = ClientEnd("192.0.2.1:8000").request("POST", "/control", b'{"command":{
 
 
 def asked(times: int = 1, **options: int) -> ClientEnd:
-    """The end of a client that waits for so many answers."""
+    """Return a client's end that waits for this number of answers."""
     end = ClientEnd("h", **options)
     for _ in range(times):
         end.request("GET", "/x")
@@ -36,7 +36,7 @@ def asked(times: int = 1, **options: int) -> ClientEnd:
 
 
 def feed(end: ClientEnd, data: bytes) -> list[http.Response]:
-    """Feed it in as many turns as it takes."""
+    """Feed it in as many turns as needed."""
     found = end.feed(data)
     while end.has_unread:
         found += end.feed(b"")
@@ -113,7 +113,7 @@ ENDLESS: dict[str, tuple[bytes, bytes]] = {
 
 @pytest.mark.parametrize(("begins", "goes_on"), ENDLESS.values(), ids=ENDLESS.keys())
 def test_saf_025_an_answer_that_never_ends_costs_bounded_work_and_bytes(begins: bytes, goes_on: bytes) -> None:
-    """Each turn takes in ``EVENTS`` parts at most, and each part once."""
+    """Each turn processes at most ``EVENTS`` parts, and each part once."""
     client = asked()
     data = goes_on * (READ_SIZE // len(goes_on) + 1)
     feed(client, begins)
@@ -130,7 +130,7 @@ def test_saf_025_an_answer_that_never_ends_costs_bounded_work_and_bytes(begins: 
 
 
 def test_saf_025_one_turn_takes_in_no_more_than_its_parts(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Counted where h11 parses: 682 chunks came in one read."""
+    """The count is taken where h11 parses. Without the limit 682 chunks came in one read."""
     parsed = 0
     next_event = http.h11.Connection.next_event
 
@@ -153,7 +153,7 @@ def test_saf_025_one_turn_takes_in_no_more_than_its_parts(monkeypatch: pytest.Mo
 
 
 def test_disturbed_messages_raise_nothing_but_the_codecs_own() -> None:
-    """Fewer than of our own codecs: h11 is given far more by its authors, and takes its time."""
+    """Fewer messages than for our own codecs: the authors of h11 test it with far more, and it is slow."""
     chance = random.Random(2)
     for _ in range(DISTURBED // 16):
         with contextlib.suppress(MalformedFrame):
@@ -186,7 +186,7 @@ def test_a_target_that_would_break_the_request_is_refused(target: str) -> None:
 
 
 class Service:
-    """What is behind the port. ``says``: the answer to each request, in its pieces."""
+    """The service behind the port. ``says`` has the answers to each request, in pieces."""
 
     def __init__(self, *says: bytes) -> None:
         self.says = says
@@ -199,7 +199,7 @@ class Service:
 
     @property
     def heard(self) -> list[tuple[float, str]]:
-        """Return when each request came, and its target."""
+        """Return the time and the target of each request."""
         return [one for stream in self.streams for one in stream.heard]
 
     def port(self, **options: int) -> HttpPort:

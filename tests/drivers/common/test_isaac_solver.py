@@ -1,5 +1,5 @@
-"""Physics by a stand-in of Isaac Sim: nobody has seen it on Isaac Sim itself. What is asked of it, by
-which names and in which order, is what these tests hold."""
+"""Test physics with a stand-in for Isaac Sim: the calls, their names and their order. This was never run on
+Isaac Sim itself."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ CHAIN = """
 
 @pytest.fixture
 def isaac(monkeypatch: pytest.MonkeyPatch) -> Iterator[Any]:
-    """Isaac Sim, as far as it is there; children find it, too."""
+    """Install the stand-in for Isaac Sim, for child processes as well."""
     monkeypatch.syspath_prepend(str(STANDIN))
     monkeypatch.setattr(isaac_solver, "_app", None)
     import isaacsim
@@ -48,12 +48,12 @@ def on_isaac(plant: Plant) -> Plant:
 
 
 def test_a_motor_and_a_servo_drive_each_their_own_joint(isaac: Any) -> None:
-    """Whose order is not that of the actuators, nor that of Isaac Sim."""
+    """The order of the joints differs from that of the actuators and that of Isaac Sim."""
     spec = mujoco.MjSpec.from_string(CHAIN)
     model = spec.compile()
     data = mujoco.MjData(model)
     solver = IsaacSolver(spec, model, data)
-    data.ctrl[:] = 0.5, 0.3  # of a's motor, of b's servo
+    data.ctrl[:] = 0.5, 0.3  # a's motor, b's servo
     solver.step(model, data, 1000)
     b, a = data.qpos
     assert (b, a) == (pytest.approx(0.3, abs=1e-3), pytest.approx(2 * 0.5 * 2.0))  # gear 2, for two seconds

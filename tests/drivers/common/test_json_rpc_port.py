@@ -1,5 +1,4 @@
-"""A client of JSON-RPC: answers by their number, deadlines, and what becomes of a connection that
-breaks."""
+"""Test a JSON-RPC client: answers by number, deadlines, and broken connections."""
 
 from __future__ import annotations
 
@@ -17,7 +16,7 @@ from strands_actors.drivers.common.ports.tcp_port import OrderlyStream
 
 
 class Peer:
-    """A stream of bytes whose other end a test has."""
+    """A stream of bytes with the test at its other end."""
 
     def __init__(self) -> None:
         self.written: list[dict[str, Any]] = []
@@ -192,7 +191,7 @@ def test_a_line_without_an_end_is_not_kept_for_ever() -> None:
 
 
 def test_saf_022_a_stop_is_written_on_a_connection_that_is_not_understood() -> None:
-    """The connection is kept for that, and what was written on it arrives: it is closed in order."""
+    """The connection is kept for the stop. It is closed in order, so that the stop arrives."""
 
     async def main() -> None:
         port, peer = await connected()

@@ -1,4 +1,4 @@
-"""A twin knows which process a client is, and takes up later what a late one sends."""
+"""Test that a twin identifies its client's process, and handles messages of a late process later."""
 
 from __future__ import annotations
 

@@ -1,5 +1,4 @@
-"""Modbus TCP: the codec against any bytes, the client against answers that are late, strange or
-missing."""
+"""Test Modbus TCP: the codec with random bytes, and the client with late, invalid or missing answers."""
 
 from __future__ import annotations
 
@@ -89,8 +88,7 @@ def test_exceptions_have_names() -> None:
 
 
 class Server:
-    """Answers each question with its number as the one register it has, after the delay that comes
-    next."""
+    """A server that answers each request with its number as the only register, after the next delay."""
 
     def __init__(self, delays: Iterable[float | None] = ()) -> None:
         self.delays = list(delays)
@@ -122,7 +120,7 @@ async def ask(client: ModbusClient, within_s: float = 0.1) -> tuple[int, list[in
 
 @given(st.lists(st.sampled_from([0.001, 0.09, 0.15, 0.32, None]), max_size=30))
 def test_no_answer_is_ever_taken_for_anothers(delays: list[float | None]) -> None:
-    """Late, lost and overtaken, in any order: each question gets its own answer or none."""
+    """Answers are late, lost and overtaken. Each request gets its own answer or no answer."""
 
     async def main() -> None:
         server = Server(delays)

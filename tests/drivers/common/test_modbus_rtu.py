@@ -1,4 +1,4 @@
-"""Modbus RTU frames: found in any stream, whatever stands between them."""
+"""Test that Modbus RTU frames are found in any stream, with any bytes between them."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from strands_actors.drivers.common.ports.modbus_rtu import RtuDecoder, encode, r
 
 READ = "09 04 07 d0 00 03 b1 ce"
 ACTIVATE = "09 10 03 e8 00 03 06 01 00 00 00 00 00 72 e1"
-"""As the manual of the gripper prints them, but for the function of the read: there 3."""
+"""As printed in the gripper's manual, except for the function of the read, which is 3 there."""
 
 WORD = st.integers(0, 0xFFFF)
 REQUESTS = st.one_of(

@@ -1,4 +1,4 @@
-"""Interfaces by name: the loopback is one that every host has."""
+"""Test interfaces by name. The loopback exists on every host."""
 
 from __future__ import annotations
 

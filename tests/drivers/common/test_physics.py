@@ -1,4 +1,4 @@
-"""The body behind a twin: gravity, servos, limits, and which servo turns which joint."""
+"""Test the body behind a twin: gravity, servos, limits, and which servo turns which joint."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ from strands_actors.drivers.feetech.robots import TABLES as FEETECH
 
 TABLES = FEETECH.robots
 MODELS = Path(__file__).resolve().parents[4] / "shared" / "models"
-"""Mesh models of the makers, when somebody has them beside the checkout."""
+"""The vendors' mesh models, if they lie next to the checkout."""
 
 
 class Time:
-    """Drives a plant through time in steps of a control loop."""
+    """Advances a plant in steps of a control loop."""
 
     def __init__(self, plant: Plant) -> None:
         self.plant = plant
@@ -49,7 +49,7 @@ def test_a_limp_arm_falls_and_an_energised_one_does_not() -> None:
     Time(limp).run(2.0)
     Time(stiff).run(2.0)
     assert abs(limp.position_rad[lift]) > 0.2
-    assert abs(stiff.position_rad[lift]) < 0.05  # droops like the real one, whose servo has no integral part
+    assert abs(stiff.position_rad[lift]) < 0.05  # droops like the real servo, which has no integral part
     assert limp.effort_nm[lift] == 0
     assert abs(stiff.effort_nm[lift]) > 0.1
 
@@ -67,7 +67,7 @@ def test_torque_off_in_the_air_lets_go_and_torque_on_does_not_jump() -> None:
     time.run(0.5)
     fallen = plant.position_rad[lift]
     assert fallen > -0.3
-    plant.set_torque(lift, True)  # its target is still far off: it must travel there, not leap
+    plant.set_torque(lift, True)  # its target is still far off: it must travel, not jump
     time.run(0.02)
     assert abs(plant.position_rad[lift] - fallen) < 0.2
 
@@ -136,7 +136,7 @@ def test_a_stall_is_dropped_not_replayed() -> None:
     assert plant.data.time == pytest.approx(0.1 + LONGEST_CATCH_UP_S, abs=0.003)
     plant.catch_up(1050.1)
     assert plant.data.time == pytest.approx(0.2 + LONGEST_CATCH_UP_S, abs=0.003)
-    plant.catch_up(1049.0)  # a clock that steps back moves nothing
+    plant.catch_up(1049.0)  # a clock that steps back causes no motion
     assert plant.data.time == pytest.approx(0.2 + LONGEST_CATCH_UP_S, abs=0.003)
 
 
@@ -207,8 +207,7 @@ MESH_MODELS: dict[str, tuple[str, dict[str, str]]] = {
 
 
 def frames_of_joints(model: Any, angles: dict[str, float]) -> dict[str, Any]:
-    """Joint name to the 3 x 3 + 3 numbers of its link, seen from the link the first joint hangs
-    on."""
+    """Return the 3 x 3 + 3 numbers of each joint's link, relative to the parent link of the first joint."""
     data = mujoco.MjData(model)
     for name, rad in angles.items():
         data.joint(name).qpos[0] = rad
@@ -232,14 +231,14 @@ def test_links_lie_where_they_lie_in_the_makers_model(robot: str) -> None:
     keys = [joint["key"] for joint in table["joints"]]
     generator = random.Random(1)
     at_zero = frames_of_joints(ours, dict.fromkeys(keys, 0.0))
-    assert all(np.linalg.norm(frame[:, 3]) < 0.5 for frame in at_zero.values())  # a desk-top robot
+    assert all(np.linalg.norm(frame[:, 3]) < 0.5 for frame in at_zero.values())  # a desktop robot
     if not (MODELS / path).exists():
         return
     theirs = mujoco.MjModel.from_xml_path(str(MODELS / path))
     for key in keys:
         low, high = theirs.joint(names.get(key, key)).range
         ours_low, ours_high = ours.joint(key).range
-        assert ours_low == pytest.approx(low, abs=0.2)  # so100 gives up what one turn cannot count
+        assert ours_low == pytest.approx(low, abs=0.2)  # so100 omits what exceeds one turn
         assert ours_high == pytest.approx(high, abs=0.1)
     for _ in range(20):
         pose = {joint["key"]: generator.uniform(*joint["range_rad"]) for joint in table["joints"]}

@@ -1,5 +1,4 @@
-"""The protobuf wire format: what is written is read back, and nothing but ``MalformedFrame`` comes
-of noise."""
+"""Test the protobuf wire format: encoded values decode to the same, and noise raises only ``MalformedFrame``."""
 
 from __future__ import annotations
 
@@ -49,8 +48,8 @@ def test_of_several_the_last_counts() -> None:
 @pytest.mark.parametrize(
     "data",
     [
-        b"\x08",  # a key and no value
-        b"\x08" + b"\xff" * 10,  # a number that never ends
+        b"\x08",  # a key without a value
+        b"\x08" + b"\xff" * 10,  # a number without end
         b"\x08" + b"\xff" * 9 + b"\x7f",  # more than 64 bits
         b"\x12\x05ab",  # three bytes missing
         b"\x09\x00",  # seven bytes of a double missing

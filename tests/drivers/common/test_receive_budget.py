@@ -1,4 +1,4 @@
-"""What one turn takes in of what a peer sends (SAF-025)."""
+"""Test how much of a peer's data one turn processes (SAF-025)."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ def test_a_backlog_that_is_read_in_the_end_is_no_flood() -> None:
 
 
 def test_saf_025_http2_is_taken_in_by_the_frame() -> None:
-    """h2 alone would handle all frames of a read at once: of empty settings 0.05 ms for each."""
+    """h2 alone would handle all frames of a read at once. Empty settings take 0.05 ms each."""
     end = ClientEnd("it")
     end.outgoing()
     _, frames = end.feed_some(PING * 1000, FRAMES)
@@ -70,7 +70,7 @@ def test_saf_025_http2_is_taken_in_by_the_frame() -> None:
 
 
 class _Pinging:
-    """A stream whose peer pings without an end, and reads nothing when it is ``deaf``."""
+    """A stream with a peer that sends pings without end. If ``deaf``, the peer reads nothing."""
 
     def __init__(self, deaf: bool = False) -> None:
         self.reads = 0

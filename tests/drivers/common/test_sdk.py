@@ -1,4 +1,4 @@
-"""Calls into an SDK: each has a deadline, and what was constructed is kept."""
+"""Test calls into an SDK: each has a deadline, and constructed objects are kept."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ def new_process(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 class Interface:
-    """What an SDK constructs."""
+    """An object that an SDK constructs."""
 
     def __init__(self, host: str) -> None:
         if not host:

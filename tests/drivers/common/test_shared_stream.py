@@ -1,4 +1,4 @@
-"""One connection that several tasks hear."""
+"""Test one connection that several tasks read."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ def test_whoever_comes_first_reads_for_all() -> None:
 
 
 def test_a_reader_of_the_last_connection_that_wakes_late_lets_nobody_else_read_the_next() -> None:
-    """Its connection is replaced, and the next one has a reader, before it is woken."""
+    """Before this reader wakes, its connection has been replaced, and the new one has a reader."""
 
     async def main() -> None:
         shared, first, second, heard = SharedStream(lambda: None), Line(), Line(), list[bytes]()

@@ -1,5 +1,4 @@
-"""A twin's second simulation control: frames, who may move what, and pictures of whatever is behind
-it."""
+"""Test a twin's second simulation control: frames, who may move which axes, and pictures of any solver."""
 
 from __future__ import annotations
 
@@ -57,7 +56,7 @@ REQUESTS: tuple[p.Request, ...] = (
 
 
 class Time:
-    """Seconds, at will."""
+    """A clock in seconds that the test sets."""
 
     def __init__(self) -> None:
         self.s = 100.0
@@ -67,7 +66,7 @@ class Time:
 
 
 class Ticking:
-    """A body and the time that passes for it."""
+    """A body with its own passing time."""
 
     def __init__(self, body: Body, now: Time, tick: Callable[[], None]) -> None:
         self.body = body
@@ -81,7 +80,7 @@ class Ticking:
 
 
 def ticking(robot: str) -> tuple[Ticking, Any]:
-    """A robot's body, and what its wire talks to."""
+    """Return a robot's body, and the device that its wire uses."""
     now = Time()
     if robot in FEETECH.robots:
         feetech_bus = FeetechBus.for_robot(robot, now)
@@ -135,7 +134,7 @@ def test_what_is_taken_goes_where_it_is_aimed_and_holds_there(robot: str) -> Non
     time, _ = ticking(robot)
     body = time.body
     assert set(body.felt().hands) == {Hand.NONE}
-    body.aim([0.3] * len(body.axes))  # nobody's
+    body.aim([0.3] * len(body.axes))  # no client holds these axes
     time.run(0.2)
     body.take(True)
     felt = body.felt()
@@ -148,7 +147,7 @@ def test_what_is_taken_goes_where_it_is_aimed_and_holds_there(robot: str) -> Non
     there = [abs(position - wanted) < 0.07 for position, wanted in zip(body.felt().position, goal, strict=True)]
     moved = [abs(now - then) > 0.02 for now, then in zip(body.felt().position, felt.position, strict=True)]
     assert all(there)
-    assert sum(moved) >= len(moved) / 2  # some stand at the end of their range
+    assert sum(moved) >= len(moved) / 2  # some are at the end of their range
     body.hold()
     body.reset()
     assert body.felt().position == pytest.approx(ticking(robot)[0].body.felt().position)
@@ -180,7 +179,7 @@ def test_a_servo_that_is_energised_on_the_wire_follows_the_wire() -> None:
     list(bus.receive(feetech.LIMP, None))
     assert set(body.felt().hands) == {Hand.NONE}
     body.take(True)
-    list(bus.receive(feetech.LIMP, None))  # lets go of what the wire holds, and of nothing else
+    list(bus.receive(feetech.LIMP, None))  # releases only the axes that the wire holds
     assert set(body.felt().hands) == {Hand.SIM}
 
 
@@ -194,14 +193,14 @@ def test_an_arm_whose_controller_runs_a_program_follows_the_program() -> None:
     assert set(body.felt().hands) == {Hand.WIRE}
     time.run(0.5)
     stood = body.felt().position[0]
-    assert 0.0 < stood < 0.39  # on its way when it was taken away
+    assert 0.0 < stood < 0.39  # it was on its way when control was taken away
     body.aim([1.0, -1.57, 1.57, -1.57, -1.57, 0.0])
     time.run(0.5)
     assert body.felt().position[0] == pytest.approx(stood, abs=0.01)
     controller.stop_program()
     body.aim([1.0, -1.57, 1.57, -1.57, -1.57, 0.0])
     time.run(0.5)
-    assert set(body.felt().hands) == {Hand.NONE}  # it is not given back, it is taken
+    assert set(body.felt().hands) == {Hand.NONE}  # control was taken back, not returned
     assert body.felt().position[0] == pytest.approx(stood, abs=0.01)
 
 
@@ -273,7 +272,7 @@ def test_saf_002_what_a_client_says_after_another_made_it_safe_is_not_obeyed(tmp
             goal = tuple(rad + 0.2 for rad in stood)
 
             async def aim() -> float:
-                """How far the first joint goes when it is asked to."""
+                """Return how far the first joint moves to the goal."""
                 gone.tell(p.Aim(0, goal))
                 await gone.call(p.Read(0), p.Sample, ANSWER_S)
                 before = time.body.felt().position[0]
@@ -283,7 +282,7 @@ def test_saf_002_what_a_client_says_after_another_made_it_safe_is_not_obeyed(tmp
             await guardian.call(p.Safe(0, p.HOLD), p.Sample, ANSWER_S)
             assert abs(await aim()) < 0.01
             await gone.call(p.Take(0), p.Sample, ANSWER_S)
-            await gone.call(p.Safe(0, p.HOLD), p.Sample, ANSWER_S)  # its own: it goes on from there
+            await gone.call(p.Safe(0, p.HOLD), p.Sample, ANSWER_S)  # its own axes, which go on from there
             assert await aim() > 0.1
             gone.close()
             guardian.close()
@@ -372,7 +371,7 @@ def test_mujoco_is_there_whatever_is_said_of_opengl() -> None:
 
 
 def test_physics_is_not_timed_part_by_part() -> None:
-    """What MuJoCo's bindings do at every step, for a sixth of its time."""
+    """MuJoCo's bindings time every part of a step, which takes a sixth of its time."""
     model = mujoco.MjModel.from_xml_string(
         "<mujoco><worldbody><body><freejoint/><geom size='1'/></body></worldbody></mujoco>"
     )

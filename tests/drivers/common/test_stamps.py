@@ -1,4 +1,4 @@
-"""When a report was last new, by the robot's own stamps."""
+"""Test when a report counts as new, by the robot's own time stamps."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ WRAP = 1 << 24
 
 
 def taken(stamps: Stamps, *reports: float) -> list[bool]:
-    """Take reports, a millisecond apart; return which were new."""
+    """Take one report per millisecond. Return which of them were new."""
     began_ns = stamps.new_ns
     return [stamps.take(stamp, began_ns + at * 1_000_000) for at, stamp in enumerate(reports, 1)]
 

@@ -1,5 +1,5 @@
-"""Addresses as they are written, a connection to the first of a host's addresses that takes it, and
-what becomes of what a dead process had written."""
+"""Test how addresses are parsed, which address of a host is connected, and what happens to unsent bytes of a
+dead process."""
 
 from __future__ import annotations
 
@@ -76,7 +76,7 @@ PATIENCE_S = 10.0
 
 
 def take_all(peer: socket.socket) -> tuple[bytes, bool]:
-    """Return what the peer gets to read, and whether the connection was reset after that."""
+    """Return the bytes that the peer reads, and whether the connection was reset after them."""
     received = b""
     with peer:
         peer.settimeout(PATIENCE_S)
@@ -89,8 +89,8 @@ def take_all(peer: socket.socket) -> tuple[bytes, bool]:
 
 
 def killed_while_it_writes(port: TcpPort) -> None:
-    """Write setpoints in a process of its own until the peer takes no more, and kill it. As a root,
-    this process has the connection, too."""
+    """Write setpoints in a child process until the peer reads no more, then kill it. This process has the
+    connection, too, as a root does."""
     pid = os.fork()
     if pid == 0:
         try:
@@ -106,7 +106,7 @@ def killed_while_it_writes(port: TcpPort) -> None:
 
 @pytest.fixture
 def slow_listener() -> Iterator[socket.socket]:
-    """Of a peer that reads nothing for now."""
+    """Yield the listener of a peer that does not read yet."""
     with socket.socket() as server:
         server.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
         server.bind(("127.0.0.1", 0))

@@ -1,4 +1,4 @@
-"""TLS over bytes, both ends: whatever pieces they come in, whoever the peer is, whatever it says."""
+"""Test both ends of TLS over bytes: pieces of any size, any peer, any input."""
 
 from __future__ import annotations
 
@@ -30,13 +30,13 @@ def client_context(ca: str | None = None) -> ssl.SSLContext:
 
 
 def shaken(name: str = NAME) -> tuple[TlsRecords, TlsRecords]:
-    """Return both ends of a connection that stands."""
+    """Return both ends of an established connection."""
     client, server = TlsRecords(client_context(), name), TlsRecords(server_context())
     client.hear(b"")
     while not (client.is_up and server.is_up):
         server.hear(client.outgoing())
         client.hear(server.outgoing())
-    client.hear(server.outgoing())  # what comes behind the handshake
+    client.hear(server.outgoing())  # bytes behind the handshake
     return client, server
 
 
@@ -54,7 +54,7 @@ def test_what_one_end_says_the_other_hears_in_any_pieces() -> None:
 
 
 class Below(Connection):
-    """Under a twin's TLS: ``pieces`` come at 1, 2, 3 ns and so on."""
+    """The connection below a twin's TLS. Its pieces arrive at 1, 2, 3 ns and so on."""
 
     def __init__(self, sock: socket.socket, client: TlsRecords, said: bytes) -> None:
         super().__init__(sock, WireLog(None), Frost())
@@ -131,7 +131,7 @@ SERVER = server_context()
 
 
 async def against(serve: Callable[[trio.SocketStream], Any], test: Callable[[int], Any]) -> None:
-    """Run a client against a server on a port of its own."""
+    """Run a client against a server on its own port."""
     async with trio.open_nursery() as nursery:
         listeners = await nursery.start(partial(trio.serve_tcp, serve, 0, host="127.0.0.1"))
         await test(listeners[0].socket.getsockname()[1])

@@ -1,4 +1,4 @@
-"""Faults of a twin, in PX4's words: what each does to a reply, whatever the wire."""
+"""Test the faults of a twin, with PX4's names: the effect of each on a reply, on any wire."""
 
 from __future__ import annotations
 

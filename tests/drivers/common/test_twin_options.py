@@ -1,4 +1,4 @@
-"""A twin's options: as values, or as text from a command line; what is none of them is refused."""
+"""Test a twin's options, as values or as text from a command line. Unknown ones are refused."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A twin's process: its port, its log, its control lines, and how it ends."""
+"""Test a twin's process: its port, its log, its control lines, and its end."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def twin(tmp_path: Path) -> Iterator[TwinProcess]:
 
 
 def answers(port: serial.Serial, request: bytes) -> bool:
-    """Whether one status comes before another question would."""
+    """Return True if one status arrives before another request would be sent."""
     port.write(request)
     return len(port.read(6)) == 6
 
@@ -98,7 +98,7 @@ def test_a_pulled_cable_hangs_up_and_comes_back_under_the_same_name(twin: TwinPr
     with twin.connect() as port:
         assert answers(port, p.write(1, p.ACCELERATION, 9))
         twin.command("unplug")
-        with pytest.raises(OSError):  # from the read or from the write, as the timing is
+        with pytest.raises(OSError):  # from the read or from the write, depending on timing
             while True:
                 port.timeout = 0.05
                 port.write(p.ping(1))
@@ -108,7 +108,7 @@ def test_a_pulled_cable_hangs_up_and_comes_back_under_the_same_name(twin: TwinPr
     with twin.connect() as port:
         port.write(p.read(1, p.ACCELERATION.address, 1))
         (packet,) = p.Decoder().feed(port.read(7))
-    assert packet.params == b"\x09"  # only the cable was gone, the servo had power
+    assert packet.params == b"\x09"  # only the cable was unplugged; the servo had power
 
 
 def test_usr1_and_the_control_line_take_the_power_away(twin: TwinProcess) -> None:

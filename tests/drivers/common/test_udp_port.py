@@ -1,4 +1,4 @@
-"""A UDP socket as datagrams."""
+"""Test a UDP socket for datagrams."""
 
 from __future__ import annotations
 
@@ -115,7 +115,7 @@ def test_a_peer_that_is_gone_is_looked_for_again_on_the_same_socket() -> None:
                 assert port.name == "{}:{}".format(*peer.getsockname())
                 port.write(b"answer")
                 assert peer.recv(100) == b"answer"
-            port.write(b"to nobody")  # an unconnected socket is not told
+            port.write(b"to nobody")  # an unconnected socket gets no error
         port.close()
 
     trio.run(main)
@@ -135,8 +135,8 @@ def test_a_port_that_somebody_listens_at() -> None:
 
 
 def test_a_flood_takes_no_turn_from_others() -> None:
-    """Whatever waits: a task that is cancelled is cancelled, and what strangers send is not all
-    dropped at once."""
+    """A flood does not keep a task from being cancelled. A foreign sender's datagrams are not all dropped at
+    once."""
 
     async def main() -> None:
         number = free_port()

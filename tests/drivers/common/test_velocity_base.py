@@ -1,5 +1,4 @@
-"""Stopping a base behind a service, and the ports it is done by: virtual time, services in
-memory."""
+"""Test how a base behind a service is stopped, and its ports: in virtual time, with services in memory."""
 
 from __future__ import annotations
 
@@ -28,12 +27,13 @@ class Service:
 
     def __init__(self, stands_s: float = 0.2) -> None:
         self.stands_s = stands_s
-        self.heard: list[tuple[float, str]] = []  # when, and the target
+        self.heard: list[tuple[float, str]] = []  # time and target of each request
         self.opened = 0
         self.down = self.mute = False
         self.stamps = True
         self.zero_s = math.inf
-        self.moves_s: tuple[float, float] | None = None  # since the first zero: a command that came late
+        # seconds since the first zero: a late command moves the base
+        self.moves_s: tuple[float, float] | None = None
 
     async def open_stream(self, host: str, port: int) -> Stream:
         await trio.lowlevel.checkpoint()
@@ -107,7 +107,7 @@ def stopping(
     pending: Callable[[], bool] = lambda: False,
     steady_s: float = 0.0,
 ) -> tuple[Outcome, float]:
-    """What became of it, and after how many seconds."""
+    """Return the outcome of the stop, and its duration in seconds."""
     found: list[tuple[Outcome, float]] = []
 
     async def run() -> None:
@@ -130,7 +130,7 @@ def test_saf_005_zero_is_repeated_until_a_newer_report_shows_speed_0() -> None:
 
 def test_saf_005_a_report_from_before_the_zero_proves_nothing() -> None:
     service = Service(stands_s=-10.0)  # every report shows speed 0
-    service.stamps = False  # and is as old as the one before
+    service.stamps = False  # each has the same stamp as the previous one
     outcome, took_s = stopping(service)
     assert outcome == Outcome(
         True, True, "not confirmed: it has reported nothing since"
@@ -144,7 +144,7 @@ def test_saf_005_a_report_from_before_the_zero_proves_nothing() -> None:
 def test_saf_010_a_base_stands_when_it_does_so_without_a_break(
     moves_s: tuple[float, float] | None, longer_s: float
 ) -> None:
-    """A command that left before the stop may come after the first report of speed 0."""
+    """A command that left before the stop may arrive after the first report of speed 0."""
     service = Service(stands_s=-10.0)
     service.moves_s = moves_s
     outcome, took_s = stopping(service, 2.0, steady_s=0.8)
@@ -212,7 +212,7 @@ def test_responses_that_come_together_are_told_apart() -> None:
 
 
 def test_a_connection_that_was_idle_takes_no_command() -> None:
-    """The service may be closing it just then."""
+    """The service may close it at the same time."""
 
     async def run() -> None:
         service = Service()

@@ -1,4 +1,4 @@
-"""WebSockets: messages as bytes, our client at other servers, other clients at our server."""
+"""Test WebSockets: messages as bytes, our client with other servers, other clients with our server."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ Served = Callable[[], Awaitable[WebSocket]]
 
 
 class Robot:
-    """An HTTP service that says one word, for what stands beside the WebSockets."""
+    """An HTTP service with one short answer, for requests outside the WebSockets."""
 
     def __init__(self) -> None:
         self.faults = Faults()
@@ -62,7 +62,7 @@ async def echo(client: WebSocketClient) -> None:
 
 @asynccontextmanager
 async def twin(handler: WebSocketHandler = echo, **options: int) -> AsyncIterator[TcpServer]:
-    """One at ``/ws``, on a port of its own."""
+    """Yield a server at ``/ws``, on its own port."""
     choose = {"/ws": handler}.get
     robot = Robot()
     server = TcpServer(robot, {0: serving_both(lambda: HttpSession(robot), choose, **options)}, WireLog(None))
@@ -82,7 +82,7 @@ def connect(server: TcpServer, target: str = "/ws", **options: int) -> Awaitable
 
 @contextmanager
 def foreign_server(handler: Callable[[websockets.sync.server.ServerConnection], None]) -> Iterator[int]:
-    """One of another make. Its port."""
+    """Yield the port of a server from another library."""
     with websockets.sync.server.serve(handler, "127.0.0.1", 0) as server:
         thread = threading.Thread(target=server.serve_forever)
         thread.start()
@@ -294,7 +294,7 @@ def test_a_message_that_is_too_long_ends_it() -> None:
 
 
 def taker() -> tuple[trio.MemoryReceiveChannel[str | bytes], WebSocketHandler]:
-    """What clients have sent, and the handler that takes it."""
+    """Return the clients' messages, and the handler that receives them."""
     send, receive = trio.open_memory_channel[str | bytes](100)
 
     async def take(client: WebSocketClient) -> None:
@@ -386,7 +386,7 @@ def test_a_cancelled_receive_loses_nothing_and_silence_has_a_deadline() -> None:
     trio.run(main)
 
 
-# -- clients of another make
+# -- clients of other libraries
 
 
 def test_clients_of_another_make_at_our_server() -> None:

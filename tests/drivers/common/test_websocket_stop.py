@@ -1,5 +1,5 @@
-"""A WebSocket whose service says anything: a stop leaves at once, and nobody is kept busy. In virtual
-time, on streams in memory."""
+"""Test that a stop leaves at once on a WebSocket, whatever the service sends, and that no other task is
+delayed. The tests run in virtual time, on streams in memory."""
 
 from __future__ import annotations
 
@@ -23,8 +23,7 @@ WITHIN_S = 0.4
 
 
 class Service:
-    """The other end. ``answers``: whether it answers an upgrade; what it says besides is the
-    test's."""
+    """The other end. ``answers`` is True if it answers an upgrade. The test supplies all other messages."""
 
     def __init__(self, answers: bool = True) -> None:
         self.answers = answers
@@ -43,8 +42,7 @@ class Service:
 
 
 class Stream:
-    """``heard``: the messages that arrived, each with its time; ``writes``: how often something
-    did."""
+    """``heard`` has the received messages with their times. ``writes`` counts the writes."""
 
     def __init__(self, service: Service) -> None:
         self._service = service
@@ -99,7 +97,7 @@ class Stream:
 
 
 def upgrade() -> bytes:
-    """Return the answer to an upgrade that nobody has asked for: its key is wrong."""
+    """Return an answer to an upgrade that was not requested, so its key is wrong."""
     end = ServerEnd()
     list(end.feed(ClientEnd("h", "/ws").request))
     return end.accept()
@@ -165,7 +163,7 @@ def test_saf_022_a_stop_has_left_before_a_reset_at_any_byte_of_the_handshake(at:
 
 
 def frame(opcode: Opcode, payload: bytes = b"", fin: bool = True) -> bytes:
-    """Return a frame of the service's, of a few bytes."""
+    """Return a short frame of the service."""
     return bytes([opcode | (0x80 if fin else 0), len(payload)]) + payload
 
 
@@ -185,7 +183,7 @@ SPOKEN = {
 
 @pytest.mark.parametrize("said", SPOKEN.values(), ids=SPOKEN.keys())
 def test_saf_022_a_stop_leaves_at_once_after_bytes_that_were_not_understood(said: bytes) -> None:
-    """And SAF-025: others get their turn, few of the bytes are read, and what is sent is bounded."""
+    """This also shows SAF-025: other tasks run, few of the bytes are read, and the output is bounded."""
     service = Service()
     turns = 0
 
@@ -238,7 +236,7 @@ def test_saf_025_of_many_pings_the_newest_is_answered() -> None:
 
 
 def test_frames_before_the_answer_count_at_one_server_and_are_dropped_by_another() -> None:
-    """As tornado and uvicorn do."""
+    """Of tornado and uvicorn, one keeps them and the other drops them."""
     for keeps, taken in ((True, list(STOP)), (False, [])):
         client, server = ClientEnd("h", "/ws"), ServerEnd(keeps_early=keeps)
         assert isinstance(next(server.feed(client.request + client.stop(STOP))), Opened)
@@ -256,7 +254,7 @@ def test_more_than_a_bound_before_the_answer_is_refused() -> None:
 
 
 def test_the_frames_of_a_stop_are_those_of_any_message() -> None:
-    """Its mask is drawn anew for each."""
+    """A new mask is drawn for each."""
     client, server = ClientEnd("h", "/ws"), FrameProtocol(client=False, extensions=[])
     server.receive_bytes(client.stop(STOP))
     assert [(one.opcode, one.payload, one.message_finished) for one in server.received_frames()] == [

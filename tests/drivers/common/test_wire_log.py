@@ -1,4 +1,4 @@
-"""The wire log, written by a twin and read by a test at the same time."""
+"""Test the wire log while a twin writes and a test reads it."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ def test_half_a_line_is_read_when_it_is_whole(path: Path) -> None:
 
 @pytest.mark.parametrize("frames", [0, 1, 9])
 def test_of_a_log_that_was_emptied_nothing_is_kept(path: Path, frames: int) -> None:
-    """However much was written to it since, with nobody looking."""
+    """This holds however much was written since, without a reader."""
     log, writer = WireLog(path), Writer(str(path))
     for t_ns in range(5):
         writer.write(t_ns, "host", [("setpoint", b"\x01")])

@@ -1,4 +1,4 @@
-"""A twin as a process of its own, with its port, its log and its control lines."""
+"""A twin as a separate process, with its port, its log and its control lines."""
 
 from __future__ import annotations
 
@@ -63,7 +63,7 @@ class TwinProcess:
         return [json.loads(line) for line in lines]
 
     def logged(self, source: str) -> list[tuple[str, str]]:
-        """Kind and hex of every frame of one side."""
+        """Return kind and hex of every frame from one side."""
         return [(line["kind"], line["hex"]) for line in self.log() if line["from"] == source]
 
     def connect(self, rate: int = 1_000_000) -> serial.Serial:

@@ -1,7 +1,7 @@
-"""A small client of CRTP over UDP that shares no code with the package: ``python crtp_client.py
-HOST PORT``.
+"""A small independent client of CRTP over UDP, without code of the package: ``python crtp_client.py HOST
+PORT``.
 
-It does what a ground station does and prints what it saw as JSON.
+It does what a ground station does, and prints its results as JSON.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ class Client:
                 self.rows.append(packet[1:])
 
     def table(self, port: int) -> dict[str, tuple[int, int]]:
-        """Name to number and type."""
+        """Return number and type of each name."""
         count = struct.unpack("<H", self.ask(port, 0, b"\3", b"\3")[1:3])[0]
         found = {}
         for number in range(count):

@@ -1,7 +1,6 @@
-"""Draw ``docs/robots/crazyflie.svg``: height and tilt of the twin after a process was killed in
-flight.
+"""Draw ``docs/robots/crazyflie.svg``: height and tilt of the twin after processes were killed in flight.
 
-``python -m tests.drivers.crazyflie.plot``. Flies the twin once for each, in half a minute.
+``python -m tests.drivers.crazyflie.plot`` flies the twin once for each case, in half a minute.
 """
 
 from __future__ import annotations
@@ -27,7 +26,7 @@ VICTIMS = {
 }
 BEFORE_S, AFTER_S = 0.5, 3.5
 EVERY = 3
-"""Of the rows of the trace, ten milliseconds apart."""
+"""Use every third row of the trace. Rows are ten milliseconds apart."""
 
 Track = list[tuple[float, float, float]]
 
@@ -39,7 +38,7 @@ def fly(roles: tuple[str, ...]) -> Track:
         victims = [pids(cf.robot)[role] for role in roles]
         began_ns = time.monotonic_ns()
         for pid in victims:
-            os.kill(pid, signal.SIGSTOP)  # first: none of them sees another one end
+            os.kill(pid, signal.SIGSTOP)  # stopped first, so that no process notices another's end
         for pid in victims:
             os.kill(pid, signal.SIGKILL)
         time.sleep(AFTER_S + 0.2)

@@ -1,4 +1,4 @@
-"""What the drone refuses, and with what words. Pure."""
+"""Test which commands the drone refuses, and with which messages. No I/O."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def seen(
 
 
 def answer(action: dict[str, Any], observation: Observation | None = None) -> Candidate | Refused:
-    """As the gate asks."""
+    """Judge an action as the gate does."""
     driver, observation = drone(), observation or seen()
     state = GateState(NOW_NS, observation, observation.position, NOW_NS, False)
     for condition in driver.conditions:

@@ -1,5 +1,5 @@
-"""How it is brought down: on the floor before a motor is cut, whatever is lost on the way, and from
-whatever height. On a firmware in memory."""
+"""Test that the drone is on the floor before a motor is cut, whatever is lost and from any height. On a
+firmware in memory."""
 
 from __future__ import annotations
 
@@ -73,7 +73,7 @@ def test_a_landing_service_is_no_faster_than_a_landing_may_be(monkeypatch: pytes
 def test_a_landing_of_a_drone_whose_height_is_not_heard_is_not_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     async def script(flight: Flight) -> None:
         await take_off(flight)
-        flight.air.mute = lambda packet: packet[:1] == b"\x5e"  # rows of the log; answers come
+        flight.air.mute = lambda packet: packet[:1] == b"\x5e"  # rows of the log are lost; answers arrive
         await trio.sleep(0.6)
         cut_at_m = flight.heights_of(p.STOP)
         answer = await flight.wire.perform("land", {"duration": 0.5}, flight.permit)
@@ -85,7 +85,7 @@ def test_a_landing_of_a_drone_whose_height_is_not_heard_is_not_refused(monkeypat
 
 
 def test_saf_005_an_end_of_trajectory_from_before_cuts_no_motor(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The order to land is lost, and the supervisor still says that some trajectory is over."""
+    """The order to land is lost, and the supervisor still reports the end of an earlier trajectory."""
 
     async def script(flight: Flight) -> None:
         await take_off(flight)
@@ -126,7 +126,7 @@ def test_a_lost_yield_is_said_again(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.mark.parametrize("lost", [1, 2])
 def test_saf_005_a_lost_order_to_land_cuts_no_motor_by_a_yield(monkeypatch: pytest.MonkeyPatch, lost: int) -> None:
-    """Who is told to yield and has no plan switches its motors off."""
+    """A drone that is ordered to yield without a plan switches its motors off."""
 
     async def script(flight: Flight) -> None:
         await take_off(flight)
@@ -163,7 +163,7 @@ def test_saf_005_a_drone_that_hears_and_is_not_heard_is_landed(monkeypatch: pyte
 
 
 def test_saf_005_a_drone_that_answers_late_is_landed_and_confirmed(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Later than it is told to yield."""
+    """The answer comes later than the order to yield."""
 
     async def script(flight: Flight) -> None:
         await take_off(flight)
@@ -181,7 +181,7 @@ def test_saf_005_a_drone_that_answers_late_is_landed_and_confirmed(monkeypatch: 
 def test_saf_005_a_landing_that_is_refused_counts_for_nothing_and_is_said_again(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    """It hovers by the high-level commander, whose trajectory is over."""
+    """The drone hovers by the high-level commander, with its trajectory over."""
 
     async def script(flight: Flight) -> None:
         firmware, air = flight.air.firmware, flight.air
@@ -209,7 +209,7 @@ def test_saf_005_a_landing_that_is_refused_counts_for_nothing_and_is_said_again(
 
 
 def test_saf_005_who_lands_already_has_taken_the_order(monkeypatch: pytest.MonkeyPatch) -> None:
-    """As the root finds it, after a wire process that was killed half-way."""
+    """The root finds a drone in this state after a wire process was killed half-way."""
 
     async def script(flight: Flight) -> None:
         await take_off(flight)
@@ -260,7 +260,7 @@ def test_saf_006_an_estop_that_asks_what_a_landing_is_asking_has_its_answer(
             nursery.start_soon(land)
             await trio.sleep(0.08)
             assert flight.air.sent[-1] == p.SUPERVISOR_QUESTION.packet
-            landing.cancel()  # as the tree does: the stop asks before what it cancelled has ended
+            landing.cancel()  # as the tree does: the stop asks before the cancelled call has ended
             reports = await flight.wire.make_safe("off")
             flight.air.delays = None
         assert all(report.safe for report in reports)
@@ -271,7 +271,7 @@ def test_saf_006_an_estop_that_asks_what_a_landing_is_asking_has_its_answer(
 
 @pytest.mark.parametrize(("outlives_a_loss", "within_s"), [(True, 10.0), (False, 0.1)])
 def test_bringing_down_never_raises_and_ends_in_time(outlives_a_loss: bool, within_s: float) -> None:
-    """A link that may carry something again is tried for as long as a landing takes, another is not."""
+    """A link that may work again is tried for as long as a landing takes. Any other is given up."""
 
     class Dead(Air):
         async def write(self, packet: bytes, permit: object = None) -> None:

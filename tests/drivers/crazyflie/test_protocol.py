@@ -1,4 +1,4 @@
-"""The codecs: CRTP and CPX. Bytes that are known, what is refused, and noise."""
+"""Test the codecs CRTP and CPX: known bytes, refused input, and noise."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ FLIGHT_ROW = p.encode(5, 2, b"\1\x10\x20\0" + struct.pack("<7eH", 0.5, 0.1, 0, 0
 POSITION_ROW = p.encode(5, 2, b"\2\0\0\0" + struct.pack("<4fB", 1.0, 2.0, 180.0, 3.75, 3))
 
 
-# -- what is commanded
+# -- commands
 
 
 def test_setpoints_are_si_here_and_degrees_on_the_wire() -> None:
@@ -77,7 +77,7 @@ def test_airborne_is_who_flies_with_motors() -> None:
         assert not bits.airborne
 
 
-# -- what is refused
+# -- refused input
 
 
 @pytest.mark.parametrize(
@@ -178,7 +178,7 @@ def test_noise_on_a_serial_line_takes_no_memory() -> None:
         assert len(decoder._held) <= cpx.LONGEST + 3
 
 
-# -- where it is
+# -- position
 
 
 @pytest.mark.parametrize(

@@ -1,4 +1,4 @@
-"""A serial line: a port is open in one process only, so whoever is done with it lets go of it."""
+"""Test a serial line. Only one process may have the port open, so a process that is done with it closes it."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from tests.drivers.common.twin_process import TwinProcess
 from tests.trees import armed, robot_on
 
 QUICK_S = 4.0
-"""Much less than an attempt may take: one on a dead descriptor ends at once."""
+"""Much less than an attempt may take. An attempt on a dead descriptor ends at once."""
 
 
 @pytest.fixture
@@ -50,7 +50,7 @@ def put_back(twin: TwinProcess) -> None:
 
 @contextmanager
 def own_ways(twin: TwinProcess, line: SerialLink) -> Iterator[list[CrazyflieStopChannel]]:
-    """What root and standby make of what the wire hands over."""
+    """Yield the channels that root and standby make from the wire's descriptors."""
     driver = Crazyflie("crazyflie", twin.port, {})
     ways = [
         CrazyflieStopChannel(driver.config, [os.dup(fd) for fd in line.handover()], MonotonicClock())
@@ -102,7 +102,7 @@ def open_files(pid: int) -> Iterator[str]:
 def test_saf_020_root_and_standby_let_go_of_an_adapter_that_was_pulled_and_reach_it_when_it_is_back(
     twin: TwinProcess,
 ) -> None:
-    """Who keeps it open would get it another name when it comes back."""
+    """A process that kept it open would give the adapter another name when it comes back."""
 
     async def main() -> None:
         line = await open_line(path_of(twin))
@@ -142,14 +142,14 @@ def test_saf_005_a_dead_descriptor_is_given_up_at_once_and_the_port_opened_anew(
 
 
 def test_what_a_stop_channel_was_given_is_closed_with_it() -> None:
-    """It would keep the lock, and the next wire from the port."""
+    """An open descriptor would keep the lock, and keep the next wire from the port."""
     master, slave = pty.openpty()
     tty.setraw(slave)
     path = os.ttyname(slave)
     wire = open_serial(path, BAUD)
     config = Crazyflie("crazyflie", f"serial://{path}", {}).config
     way = CrazyflieStopChannel(config, [os.dup(wire.fileno())], MonotonicClock())
-    os.close(wire.fileno())  # as a process that is killed does
+    os.close(wire.fileno())  # as the end of a killed process does
     way.close()
     open_serial(path, BAUD).close()
     os.close(master)
@@ -158,7 +158,7 @@ def test_what_a_stop_channel_was_given_is_closed_with_it() -> None:
 
 @pytest.mark.parametrize("speaks_first", [True, False])
 def test_a_robot_that_says_that_it_is_ready_after_a_frame_only_is_asked(speaks_first: bool) -> None:
-    """As one does that has talked to another process of ours."""
+    """A drone that has talked to another of our processes does so."""
 
     def robot(data: bytes) -> Iterable[tuple[float, bytes]]:
         yield from ((0.01, cpx.READY) for packet in cpx.UartDecoder().feed(data) if packet)

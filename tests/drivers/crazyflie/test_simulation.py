@@ -1,4 +1,4 @@
-"""Its simulation flies."""
+"""Test that the simulation flies."""
 
 from __future__ import annotations
 

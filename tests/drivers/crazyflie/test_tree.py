@@ -1,6 +1,6 @@
-"""The drone's whole tree on its twin: real processes, real sockets, a body that flies.
+"""Test the drone's whole tree on its twin: real processes, real sockets, a body that flies.
 
-Judged by what the twin heard, and by where its body was.
+The twin's log and the position of its body decide.
 """
 
 from __future__ import annotations
@@ -31,13 +31,13 @@ from tests.drivers.common.twin_process import TwinProcess
 from tests.trees import armed, first_safe, robot_on
 
 SLACK_S = 1.0
-"""On the published bounds, for a busy machine."""
+"""Added to the published bounds, for a busy machine."""
 FLOOR_M = 0.02
 UPRIGHT_DEG = 5.0
 
 
 class Drone:
-    """A robot on its twin, and what its body did."""
+    """A robot on its twin, with the track of its body."""
 
     def __init__(self, robot: RealRobot, twin: TwinProcess, trace: Path) -> None:
         self.robot = robot
@@ -53,7 +53,7 @@ class Drone:
         return min(self.track(), key=lambda row: abs(row[0] - t_ns / 1e9))[1]
 
     def fly(self) -> int:
-        """In the air, and moving; when the last command was sent."""
+        """Take off and move. Return when the last command was sent."""
         self.take_off()
         for _ in range(10):
             json_of(self.robot.send_action({"vx": 0.3, "z": 0.5}))
@@ -61,12 +61,12 @@ class Drone:
         return time.monotonic_ns()
 
     def track(self, since_ns: int = 0) -> list[tuple[float, float, float]]:
-        """Seconds since then, height and tilt of the body."""
+        """Return seconds since then, height and tilt of the body."""
         rows = [tuple(map(float, line.split())) for line in self._trace.read_text().splitlines()[:-1]]
         return [(at - since_ns / 1e9, z, tilt) for at, z, tilt in rows if at >= since_ns / 1e9]
 
     def lands(self, since_ns: int, within_s: float) -> None:
-        """On the floor by then, never tilted, and it stays there."""
+        """Assert that the body is on the floor in time, was never tilted, and stays there."""
         rest_s = since_ns / 1e9 + within_s + SLACK_S - time.monotonic()
         time.sleep(max(0.0, rest_s))
         track = self.track(since_ns)
@@ -187,7 +187,7 @@ def test_saf_007_an_emergency_stop_cuts_the_motors_and_locks(cf: Drone) -> None:
     assert cf.track()[-1][1] < FLOOR_M, "it fell"
     assert "e-stopped by" in why(cf.robot.takeoff())
     assert "Switch it off and on" in why(cf.robot.resume()), "our lock is lifted, the drone's is not"
-    cf.twin.command("power-cycle")  # its log is gone with it, so the link is opened anew
+    cf.twin.command("power-cycle")  # its log is gone with it, so the link is opened again
     until(lambda: cf.robot.resume() and cf.robot.takeoff()["status"] == "success", "it flies again")
 
 
@@ -278,7 +278,7 @@ def test_all_of_us_at_once_leave_it_to_the_firmware(cf: Drone) -> None:
     cf.fly()
     victims = [pids(cf.robot)[role] for role in ("root", "standby", "wire")]
     for pid in victims:
-        os.kill(pid, signal.SIGSTOP)  # first: none of them sees another one end
+        os.kill(pid, signal.SIGSTOP)  # stopped first, so that no process notices another's end
     began_ns = time.monotonic_ns()
     for pid in victims:
         os.kill(pid, signal.SIGKILL)
@@ -360,7 +360,7 @@ def test_saf_012_a_battery_that_is_not_heard_any_more_lands_it(cf: Drone) -> Non
     assert "not heard" in status(cf.robot)["cause"]
 
 
-# -- links that lose
+# -- lossy links
 
 
 @pytest.mark.long

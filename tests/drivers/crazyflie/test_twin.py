@@ -1,4 +1,4 @@
-"""The twin: what a client of others sees, and what its firmware does by itself."""
+"""Test the twin with an independent client, and what its firmware does by itself."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ CLIENT = Path(__file__).with_name("crtp_client.py")
 
 
 class Bench:
-    """A firmware in a time of its own."""
+    """A firmware with its own clock."""
 
     def __init__(self, **options: bool) -> None:
         self.now_s = 0.0
@@ -30,7 +30,7 @@ class Bench:
         self.firmware = Firmware(TABLES.table("crazyflie"), lambda: self.now_s, note=self.notes.append, **options)
 
     def run(self, seconds: float, packet: bytes = b"") -> None:
-        """Let time pass, 20 packets a second."""
+        """Let time pass, with 20 packets a second."""
         for _ in range(round(seconds / 0.05)):
             if packet:
                 self.firmware.hear(packet)

@@ -1,5 +1,4 @@
-"""A radio and a USB port, with a stand-in for pyusb and the twin behind it. Nobody has seen this on
-hardware."""
+"""Test a radio and a USB port, with a stand-in for pyusb in front of the twin. This was never run on hardware."""
 
 from __future__ import annotations
 
@@ -31,7 +30,7 @@ def twin(tmp_path: Path) -> Iterator[Twin]:
 
 @pytest.fixture
 def events(tmp_path: Path, twin: Twin, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """What the stand-in notes; the processes of the tree find it where pyusb would be."""
+    """Return the file of the stand-in's events. The tree's processes find the stand-in in place of pyusb."""
     path = tmp_path / "usb"
     path.touch()
     config = {"twin": twin.port, "events": str(path), "devices": ["radio", "usb"]}
@@ -99,7 +98,7 @@ def test_saf_003_when_the_wire_process_is_killed_another_process_lands_it_by_the
 def test_saf_016_a_stop_process_and_the_wire_break_and_the_other_one_lands_it(
     events: Path, twin: Twin, run_dir: Path, stop_fault: signal.Signals, wire_fault: signal.Signals
 ) -> None:
-    """Whichever of the two the root would order first: none waits for another to begin."""
+    """This holds for either of the two stop processes. The second does not wait for another to start."""
     with Robot("crazyflie", mode="real", port=RADIO) as robot:
         fly(robot)
         processes = pids(robot)

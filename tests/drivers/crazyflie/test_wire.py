@@ -1,4 +1,4 @@
-"""The wire on a firmware in memory: what it sends, when it is fed, and what it is told by whom."""
+"""Test the wire on a firmware in memory: what it sends, when it is fed, and which rows it accepts."""
 
 from __future__ import annotations
 
@@ -58,8 +58,8 @@ def test_a_takeoff_that_loses_its_feed_comes_down(monkeypatch: pytest.MonkeyPatc
 def test_saf_005_a_row_from_before_a_takeoff_drops_no_hover_in_the_air(
     monkeypatch: pytest.MonkeyPatch, delay_s: float
 ) -> None:
-    """It rises faster than its rows come: the one that is read when it is up still shows the floor, the
-    second time that it has landed."""
+    """It rises faster than its rows arrive. The row that is read when it is up still shows the floor; on the
+    second takeoff it shows the landing."""
 
     async def script(flight: Flight) -> None:
         notes: list[str] = []
@@ -180,7 +180,7 @@ def test_saf_012_a_row_that_comes_late_is_no_reading_and_the_robots_clock_may_wr
         session = CrazyflieSession(Air(Firmware(TABLES.table("crazyflie"), trio.current_time)), VirtualClock())  # type: ignore[arg-type]
 
         async def heard(stamp_ms: int, z_m: float) -> tuple[float, float]:
-            """A tenth of a second later: the height that counts, and how old it is."""
+            """Return the accepted height and its age, a tenth of a second later."""
             await trio.sleep(0.1)
             session.link.say(row(stamp_ms, z_m))  # type: ignore[attr-defined]
             session.take_waiting()

@@ -23,7 +23,7 @@ CONFIG = CrazyflieConfig("crazyflie", "192.0.2.1", 20.0, (0.05, 2.0), 3.2, 0.5)
 
 LANDING = p.land_with_velocity(LANDING_M_S)
 FALLS_M_S = 1.5
-"""No landing is so fast; who falls for 0.15 s is."""
+"""No landing is so fast. A drone that falls for 0.15 s is."""
 
 
 class VirtualClock:
@@ -43,7 +43,7 @@ class Allowed:
 
 
 class Air(Link):
-    """A firmware at the other end. ``lose``: which of our packets do not arrive."""
+    """A firmware at the other end. ``lose`` selects the packets of ours that do not arrive."""
 
     def __init__(self, firmware: Firmware) -> None:
         self.name = "memory"
@@ -52,7 +52,7 @@ class Air(Link):
         self.lose: Callable[[bytes], bool] = lambda packet: False
         self.mute: Callable[[bytes], bool] = lambda packet: False
         self.silent = False
-        self.delays: trio.Nursery | None = None  # where answers take ``delay_s``
+        self.delays: trio.Nursery | None = None  # runs answers that take ``delay_s``
         self.delay_s = 0.0
         self._send, self._receive = trio.open_memory_channel[bytes](10000)
 
@@ -91,7 +91,7 @@ class Air(Link):
 
 
 class Flight:
-    """A wire that is open and armed, in virtual time; its watchdog feeds it."""
+    """An open and armed wire in virtual time, fed by its watchdog."""
 
     def __init__(self, air: Air, wire: CrazyflieWire) -> None:
         self.air = air
@@ -101,7 +101,7 @@ class Flight:
         self.track: list[tuple[float, float]] = []  # height and speed, twenty times a second
 
     async def live(self) -> None:
-        """Time passes for the robot, and the tree turns twenty times a second."""
+        """Advance the robot's time, and run the tree's cycle, twenty times a second."""
         while True:
             await trio.sleep(0.05)
             self.air.firmware.pass_time()
@@ -123,7 +123,7 @@ class Flight:
         assert min(speed for _, speed in self.track) > -FALLS_M_S
 
     def heights_of(self, wanted: bytes) -> list[float]:
-        """Return where, from now on, the heights stand at which a packet was sent."""
+        """Return a list that collects, from now on, the heights at which a packet was sent."""
         heights: list[float] = []
 
         def note(packet: bytes) -> bool:

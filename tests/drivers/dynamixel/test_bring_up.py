@@ -1,4 +1,4 @@
-"""The Dynamixel wire is opened and armed, on the twin's servos in memory under virtual time."""
+"""Test how the Dynamixel wire is opened and armed, on the twin's servos in memory and virtual time."""
 
 from __future__ import annotations
 
@@ -135,7 +135,7 @@ def test_arm_sets_the_goal_first_energises_one_by_one_and_arms_every_watchdog_la
         rig = DynamixelRig()
         await rig.wire.open()
         for servo in rig.bus.servos:
-            servo.put(table.GOAL_POSITION, 100)  # an old goal: energising on it would be a jump
+            servo.put(table.GOAL_POSITION, 100)  # an old goal: energising on it would cause a jump
         rig.port.written.clear()
         permission = Permission(rig.port)
         seen = await rig.wire.arm(permission)
@@ -219,7 +219,7 @@ def test_arm_refuses_a_joint_that_rests_outside_in_every_mode() -> None:
         with pytest.raises(WireDown, match=r"elbow_flex \(id 3\) rests .* deg outside its range"):
             await rig.wire.arm(Permission())
         rig = DynamixelRig()
-        rig.servo().put(table.HOMING_OFFSET, 4096)  # a turn away
+        rig.servo().put(table.HOMING_OFFSET, 4096)  # one turn away
         await rig.wire.open()
         with pytest.raises(WireDown, match=r"elbow_flex \(id 3\) rests .* deg outside its range"):
             await rig.wire.arm(Permission())

@@ -1,4 +1,4 @@
-"""What the Dynamixel driver declares, and the refusals that are its own. All of it pure."""
+"""Test the Dynamixel driver's declarations, and the refusals of this wire. No I/O."""
 
 from __future__ import annotations
 
@@ -90,7 +90,7 @@ def test_units_of_a_calibration() -> None:
 
 
 def test_drive_mode_is_the_servos_business() -> None:
-    """As in lerobot: a Dynamixel turns its own positions round."""
+    """As in lerobot: a Dynamixel inverts its own positions."""
     inverted = koch(calibration=calibration(drive_mode=1)).joints[0]
     assert inverted == koch(calibration=calibration()).joints[0]
 

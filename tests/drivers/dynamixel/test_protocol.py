@@ -1,4 +1,4 @@
-"""The Dynamixel codec: what goes in comes out, and no noise becomes a frame."""
+"""Test the Dynamixel codec: encoded packets decode to the same, and noise never becomes a frame."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ UNSIGNED = [t.MODEL, t.ID, t.MIN_POSITION, t.TORQUE_ENABLE, t.STATUS_LEVEL, t.VO
 
 servo_ids = st.integers(0, p.MAX_ID)
 instructions = st.integers(0, 255).filter(lambda code: code != p.STATUS)
-# bytes of which stuffing is made are drawn often
+# The bytes that need stuffing are drawn often.
 params = st.one_of(st.binary(max_size=60), st.lists(st.sampled_from([0xFF, 0xFD, 0x00]), max_size=60).map(bytes))
 requests = st.builds(p.Packet, st.one_of(servo_ids, st.just(p.BROADCAST)), instructions, params, st.just(0))
 replies = st.builds(p.Packet, servo_ids, st.just(p.STATUS), params, st.integers(0, 255))
@@ -88,7 +88,7 @@ def test_a_damaged_frame_is_kept_apart() -> None:
 
 
 def test_known_bytes() -> None:
-    """Against the vendor's own tables."""
+    """The values are from the vendor's own tables."""
     assert p.ping(1).hex() == "fffffd00010300 0119 4e".replace(" ", "")
     assert p.LIMP.hex() == "fffffd00fe0600034000002e16"
     assert p.write(1, t.HOMING_OFFSET, -5)[10:14] == bytes((0xFB, 0xFF, 0xFF, 0xFF))
@@ -168,7 +168,7 @@ def block(register: t.Register, data: bytes) -> bytes:
         (p.write(3, t.GOAL_VELOCITY, 100), "setpoint"),
         (p.write(3, t.GOAL_CURRENT, 100), "setpoint"),
         (p.write(3, t.GOAL_PWM, 100), "setpoint"),
-        (block(t.PROFILE_VELOCITY, bytes((9, 0, 0, 0, 0, 8, 0, 0))), "setpoint"),  # a velocity: not a hold
+        (block(t.PROFILE_VELOCITY, bytes((9, 0, 0, 0, 0, 8, 0, 0))), "setpoint"),  # a velocity, so not a hold
         (block(t.PROFILE_ACCELERATION, bytes(12)), "setpoint"),
         (p.write(3, t.BUS_WATCHDOG, 15), "config"),
         (p.write(3, t.RETURN_DELAY, 0), "config"),

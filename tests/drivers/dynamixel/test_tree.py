@@ -1,4 +1,4 @@
-"""A koch end to end: caller, root, wire and twin as real processes; judged by the twin's log."""
+"""Test a koch end to end: caller, root, wire and twin as real processes. The twin's log decides."""
 
 from __future__ import annotations
 
@@ -43,12 +43,12 @@ def settled(arm: Any, state: str) -> None:
 
 
 def moving(arm: Any) -> None:
-    """A setpoint is alive and re-sent."""
+    """Send a setpoint, which stays live and is re-sent."""
     json_of(arm.send_action({"shoulder_pan": 30.0}))
 
 
 def safe_and_quiet(twin: Twin, since_ns: int, safe_state: str = "limp") -> None:
-    """All motors were brought to the safe state, and no setpoint followed."""
+    """Assert that all motors were brought to the safe state, and no setpoint followed."""
     until(
         lambda: [entry for entry in twin.log.host("safe", since_ns) if entry.safe_state == safe_state],
         f"a frame that brings all to {safe_state}",
@@ -106,11 +106,11 @@ def test_the_bus_watchdog_is_armed_on_every_servo_before_the_first_setpoint(arm:
 
 
 def test_all_who_could_stop_the_arm_are_killed_and_the_firmware_does(arm: Any, twin: Twin) -> None:
-    """Nobody of ours is left: the third line."""
+    """None of our processes is left, so the firmware stops the arm."""
     moving(arm)
     victims = [pids(arm)[role] for role in ("root", "wire", "standby")]
     for pid in victims:
-        os.kill(pid, signal.SIGSTOP)  # so that none acts on the end of the others
+        os.kill(pid, signal.SIGSTOP)  # so that no process acts on the end of the others
     for pid in victims:
         os.kill(pid, signal.SIGKILL)
     time.sleep(1.0)
@@ -170,7 +170,7 @@ def test_the_robot_freezes_and_comes_back(arm: Any, twin: Twin) -> None:
 @pytest.mark.parametrize("how", ["frozen", "unplugged"])
 @pytest.mark.parametrize("frames", [0, 3, 10, 30, 80])
 def test_saf_012_the_robot_goes_while_connecting(twin: Twin, frames: int, how: str) -> None:
-    """The tree answers meanwhile, stop is bounded, and connecting works when the robot is back."""
+    """The tree still answers, a stop is bounded, and connecting works when the robot is back."""
     go, come = (twin.pause, twin.go_on) if how == "frozen" else (twin.unplug, twin.plug)
     robot = Robot("koch", mode="real", port=twin.port)
     problems: list[str | None] = []

@@ -1,4 +1,4 @@
-"""The twin's servos, in virtual time: the control table and what it does to the joints."""
+"""Test the twin's servos in virtual time: the control table and its effect on the joints."""
 
 from __future__ import annotations
 
@@ -34,11 +34,11 @@ class Bench:
         return register.decode(self.status(p.read(servo_id, register.address, register.size)).params)
 
     def put(self, servo_id: int, register: t.Register, value: int) -> str:
-        """What the servo objects to."""
+        """Write a register. Return the servo's error."""
         return self.status(p.write(servo_id, register, value)).failure
 
     def wait(self, seconds: float, asking: int = 1) -> None:
-        """As a client that looks at the robot at 100 Hz."""
+        """Let time pass, as with a client that reads the robot at 100 Hz."""
         for _ in range(round(seconds * 100)):
             self.now_s += 0.01
             self.ask(p.ping(asking))
@@ -167,8 +167,8 @@ def test_overload_lets_go_is_in_every_status_and_stays_until_a_reboot() -> None:
 def test_voltage_and_temperature_are_alerts_and_shutdown_says_which_let_go() -> None:
     bench = Bench()
     bench.energise()
-    bench.bus.servos[0].voltage_v = 5.0  # an XL430, whose SHUTDOWN does not name it
-    bench.bus.servos[2].voltage_v = 3.0  # an XL330, whose SHUTDOWN does
+    bench.bus.servos[0].voltage_v = 5.0  # an XL430; its SHUTDOWN does not include this fault
+    bench.bus.servos[2].voltage_v = 3.0  # an XL330; its SHUTDOWN includes it
     bench.bus.servos[3].temperature_c = 75
     bench.wait(0.1)
     assert [t.error_words(bench.get(i, t.HARDWARE_ERROR)) for i in (1, 3, 4)] == ["voltage", "voltage", "overheat"]
@@ -184,7 +184,7 @@ def test_silence_trips_the_bus_watchdog_where_the_joint_is() -> None:
     assert bench.put(1, t.BUS_WATCHDOG, 5) == ""
     assert bench.get(1, t.BUS_WATCHDOG) == 5
     bench.put(1, t.GOAL_POSITION, 3300)
-    bench.now_s += 0.3  # the host is gone: it moves on for 0.1 s
+    bench.now_s += 0.3  # the host is gone: the joint moves on for 0.1 s
     assert bench.get(1, t.BUS_WATCHDOG) == t.WATCHDOG_TRIPPED
     stopped = bench.get(1, t.POSITION)
     assert 2048 < stopped < 2048 + 0.3 * 6.39 * 652

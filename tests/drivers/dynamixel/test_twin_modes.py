@@ -1,4 +1,4 @@
-"""What a servo of the twin takes and does beyond positions, in virtual time."""
+"""Test the servo modes of the twin other than positions, in virtual time."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from strands_actors.drivers.common.twin import Fault
 from tests.drivers.dynamixel.test_twin import Bench
 
 XL430, XL330 = 1, 5
-"""Ids of a koch: the first has no current sensor."""
+"""Ids of a koch. The first has no current sensor."""
 
 
 @pytest.fixture
@@ -116,7 +116,7 @@ def test_saf_013_a_bus_watchdog_ends_a_turn_and_a_profile(bench: Bench) -> None:
     bench.put(XL330, t.TORQUE_ENABLE, 1)
     bench.put(XL330, t.BUS_WATCHDOG, 5)
     bench.put(XL330, t.GOAL_VELOCITY, 40)
-    bench.wait(0.5)  # others are asked
+    bench.wait(0.5)  # other servos are read
     assert bench.get(XL330, t.BUS_WATCHDOG) == t.WATCHDOG_TRIPPED
     stood = bench.get(XL330, t.POSITION)
     bench.wait(0.5)

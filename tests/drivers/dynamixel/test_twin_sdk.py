@@ -1,4 +1,4 @@
-"""The vendor's own SDK, as it is, against the twin on a real pseudo-terminal."""
+"""Test the vendor's unmodified SDK against the twin on a real pseudo-terminal."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def twin(tmp_path: Path) -> Iterator[Twin]:
 
 @pytest.fixture
 def port(twin: Twin, monkeypatch: pytest.MonkeyPatch) -> Iterator[Any]:
-    # 16 ms of wall clock are too short on a busy machine
+    # 16 ms of wall clock are too short on a busy machine.
     monkeypatch.setattr(port_handler, "LATENCY_TIMER", 2000)
     handler = sdk.PortHandler(twin.port)
     assert handler.openPort()
@@ -47,7 +47,7 @@ def test_ping(packets: Any, port: Any, twin: Twin) -> None:
 
 
 def test_broadcast_ping(packets: Any, port: Any, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(port_handler, "LATENCY_TIMER", 16)  # it always waits for all of it
+    monkeypatch.setattr(port_handler, "LATENCY_TIMER", 16)  # it always waits for the whole latency
     found, result = packets.broadcastPing(port)
     assert result == sdk.COMM_SUCCESS
     assert {servo_id: model for servo_id, (model, _) in found.items()} == {i: 1060 if i < 3 else 1200 for i in IDS}
@@ -124,7 +124,7 @@ def test_what_older_twins_did_not_know(packets: Any, port: Any) -> None:
         3: 50,
         6: 30,
     }
-    for at in range(4):  # the goal, through addresses of the host's choice
+    for at in range(4):  # the goal, through indirect addresses of the host's choice
         assert packets.write2ByteTxRx(port, 1, 168 + 2 * at, t.GOAL_POSITION.address + at) == FINE
     assert packets.write4ByteTxRx(port, 1, 224, 2222) == FINE
     assert packets.read4ByteTxRx(port, 1, t.GOAL_POSITION.address) == (2222, *FINE)

@@ -1,5 +1,5 @@
-"""The Dynamixel wire reads, writes and makes safe: the twin's servos in memory under virtual time,
-then its process on a pty."""
+"""Test how the Dynamixel wire reads, writes and makes safe: on the twin's servos in memory and virtual time,
+then against its process on a pty."""
 
 from __future__ import annotations
 
@@ -118,7 +118,7 @@ def test_a_bus_that_falls_silent_is_a_lost_link() -> None:
 
 
 def test_nobody_speaks_and_the_firmware_stops_the_arm() -> None:
-    """SAF-013: everything of ours is gone, a setpoint is under way."""
+    """SAF-013: a setpoint is under way, and all of our processes are gone."""
 
     async def main() -> None:
         rig = await DynamixelRig().armed()
@@ -182,8 +182,7 @@ def test_an_arm_that_rests_or_holds_is_read_for_ever_and_does_not_trip() -> None
 
 
 def test_reads_alone_do_not_keep_a_setpoint_alive() -> None:
-    """The writer and the gate that would have stopped it are gone; somebody still asks for
-    readings."""
+    """The writer is gone, and so is the gate that would have stopped it. Another program still reads."""
 
     async def main() -> None:
         rig = await DynamixelRig().armed()
@@ -255,7 +254,7 @@ def test_a_motor_that_stays_driven_is_named(error: int) -> None:
     ],
 )
 def test_safe_frames_survive_half_a_frame(torn: bytes) -> None:
-    """The frame its writer did not finish takes bytes of ours for its own, wherever it was cut."""
+    """The unfinished frame swallows bytes of ours, wherever it was cut."""
 
     async def main() -> None:
         for cut in range(1, len(torn)):
@@ -307,8 +306,8 @@ def test_the_stop_channel_makes_the_robot_of_a_dead_owner_safe(twin: Twin, safe_
         await wire.open()
         await wire.arm(Permission())
         descriptors = [os.dup(fd) for fd in wire.handover()]
-        os.write(wire.handover()[0], protocol.goals(dict.fromkeys(driver.ids, 3000))[:17])  # died in a frame
-        os.close(wire.handover()[0])  # as the kernel does it: no goodbye
+        os.write(wire.handover()[0], protocol.goals(dict.fromkeys(driver.ids, 3000))[:17])  # it died within a frame
+        os.close(wire.handover()[0])  # as the kernel does, without a goodbye
 
         second = driver.stop_channel(descriptors, MonotonicClock())
         before = len(list(twin.log.entries()))

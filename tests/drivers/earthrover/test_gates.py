@@ -1,5 +1,4 @@
-"""What the driver accepts and refuses: options, address, the twist and the lamp, and how long each
-may live."""
+"""Test what the driver accepts and refuses: options, address, twist and lamp, and the lifetime of each."""
 
 from __future__ import annotations
 

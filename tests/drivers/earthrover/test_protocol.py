@@ -1,5 +1,4 @@
-"""The rover's JSON and the HTTP around it: exact bodies, and no exception but the codec's own,
-whatever comes."""
+"""Test the rover's JSON over HTTP: exact bodies, and only the codec's own error for any input."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
-"""What the rover's reports prove: that they are new, and that it stands. In virtual time, on the
-twin's service without sockets."""
+"""Test when the rover's reports count as new, and when they prove a standstill. In virtual time, on the twin's
+service without sockets."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ from tests.drivers.common.memory_port import Permission, virtual
 
 
 class ServicePort(HttpPort):
-    """A connection to the twin's service. ``log``: the kinds of what it took."""
+    """A connection to the twin's service. ``log`` has the kinds of the requests that it took."""
 
     def __init__(self, twin: RoverTwin) -> None:
         super().__init__("192.0.2.1", 8000)
@@ -68,8 +68,8 @@ class ServicePort(HttpPort):
 
 
 class LatePort(ServicePort):
-    """Behind a network: the service answers, and the rover hears ``late_s`` later, or never what
-    was sent until ``loses_until_s``."""
+    """A network between service and rover. The service answers, and the rover receives a command ``late_s``
+    later. It never receives commands that were sent before ``loses_until_s``."""
 
     def __init__(self, twin: RoverTwin, late_s: float) -> None:
         super().__init__(twin)
@@ -94,7 +94,7 @@ class LatePort(ServicePort):
             self._twin.answer(Request("POST", p.CONTROL, {}, self._coming.popleft()[1], b""))
 
     async def moved(self, within_s: float) -> bool:
-        """Whether the rover moves meanwhile."""
+        """Return True if the rover moves within this time."""
         moved = False
         for _ in range(round(within_s / 0.01)):
             await trio.sleep(0.01)
@@ -104,7 +104,7 @@ class LatePort(ServicePort):
 
 
 class MemoryConfig(EarthRoverConfig, frozen=True):
-    """Opens ports to a service that the test has."""
+    """A configuration that opens ports to the test's service."""
 
     port_of: Any = None
 
@@ -125,14 +125,14 @@ def wire_to(port: ServicePort) -> EarthRoverWire:
 
 
 async def heard(wire: EarthRoverWire, port: ServicePort) -> None:
-    """Hear the service once, as ``serve`` does ten times a second."""
+    """Read the service once, as ``serve`` does ten times a second."""
     answer = await port.ask("GET", p.DATA, within_s=0.3)
     wire._observe(p.decode_data(answer.body))
 
 
 def test_saf_012_a_report_that_is_told_again_is_not_new() -> None:
     async def test() -> None:
-        twin, port = rover(report_s=0.5)  # slower than it is asked
+        twin, port = rover(report_s=0.5)  # slower than the requests
         wire = wire_to(port)
         await wire.open()
         ages_s = []
@@ -208,7 +208,7 @@ def test_saf_005_a_rover_that_turns_on_the_spot_does_not_stand_though_it_reports
 def test_saf_010_a_stop_is_not_confirmed_before_the_rover_has_begun_what_it_was_told(
     late_s: float, lost_s: float
 ) -> None:
-    """The service takes a command at once, the rover hears it later, and some zeros never."""
+    """The service takes a command at once. The rover receives it later, and some zeros never."""
 
     async def test() -> None:
         twin, _ = rover(watchdog_s=0.0)
@@ -218,7 +218,7 @@ def test_saf_010_a_stop_is_not_confirmed_before_the_rover_has_begun_what_it_was_
             port.send("POST", p.CONTROL, p.encode_setpoint(0.5, 0.0, 0.0))
             await trio.sleep(0.05)
         port.loses_until_s = trio.current_time() + lost_s
-        for _ in range(3):  # it stays owed until it is confirmed
+        for _ in range(3):  # the stop stays unconfirmed until then
             outcome = await stop_base(port, RoverZero(), STOP_S)
             if not outcome.detail:
                 break

@@ -1,4 +1,4 @@
-"""Its simulation drives."""
+"""Test that the simulation drives."""
 
 from __future__ import annotations
 

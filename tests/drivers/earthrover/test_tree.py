@@ -1,5 +1,4 @@
-"""The rover's whole tree on its twin: real processes, real sockets, judged by what the twin
-heard."""
+"""Test the rover's whole tree on its twin: real processes and real sockets. The twin's log decides."""
 
 from __future__ import annotations
 
@@ -23,7 +22,7 @@ from strands_actors.testing.wirelog import Entry
 from tests.answers import json_of, pids, state, status, until, why
 from tests.trees import armed, first_safe, robot_on, shared_twin
 
-"""On the published bounds, for a busy machine."""
+"""Added to the published bounds, for a busy machine."""
 
 
 @pytest.fixture(scope="module")
@@ -50,7 +49,7 @@ def command(entry: Entry) -> dict[str, Any]:
 
 
 def drive(rover: RealRobot, twin: Twin, **action: float) -> int:
-    """Send it and see it on the wire; when."""
+    """Send an action and wait until it is on the wire. Return when it was sent."""
     armed(rover)
     began_ns = time.monotonic_ns()
     json_of(rover.send_action(action))
@@ -116,8 +115,7 @@ def test_saf_005_a_rover_that_reports_a_speed_is_not_reported_as_stopped(rover: 
 def test_saf_010_a_command_that_waits_in_a_stopped_service_is_followed_by_zero(
     rover: RealRobot, twin: Twin
 ) -> None:
-    """The service is stopped, a command is handed to its socket, the caller stops, the service goes
-    on."""
+    """The service is stopped with a command in its socket. The caller stops, then the service continues."""
     drive(rover, twin, linear=0.3)
     twin.pause()
     rover.send_action({"linear": 0.9})
@@ -184,7 +182,7 @@ def test_saf_006_a_stop_leaves_at_once_whatever_the_service_answers(
 def test_saf_012_a_service_that_tells_the_last_report_for_ever_is_told_nothing(
     rover: RealRobot, twin: Twin
 ) -> None:
-    """It answers, and no link is lost: it is the rover that is gone."""
+    """It answers, and no link is lost, but the rover is gone."""
     drive(rover, twin, linear=0.2)
     twin.fault("stuck")
     until(lambda: status(rover)["observation_age_s"] > REPORT_OLD_S, "its report is old")

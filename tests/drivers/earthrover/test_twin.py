@@ -1,4 +1,4 @@
-"""The twin's service as others see it: requests; cameras."""
+"""Test the twin's service with ``requests``, and its cameras."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from tests.answers import until
 
 
 class Clock:
-    """Seconds that pass when a test says so."""
+    """A clock that the test advances."""
 
     def __init__(self) -> None:
         self.now_s = 0.0
@@ -32,7 +32,7 @@ class Clock:
 
 
 class Client:
-    """Asks with ``requests``, unmodified."""
+    """A client with the unmodified ``requests``."""
 
     def __init__(self, address: str) -> None:
         self._address = address
@@ -81,7 +81,7 @@ def test_calls_take_no_longer_than_the_wire(client: Client) -> None:
         began_s = time.monotonic()
         client.ask("GET", "/data")
         took_s.append(time.monotonic() - began_s)
-    quarter_s = sorted(took_s)[25]  # the first few are quick in any case
+    quarter_s = sorted(took_s)[25]  # the first few are always quick
     assert quarter_s < 0.04, "44 ms each would mean that small packets wait for each other"
 
 
@@ -96,7 +96,7 @@ def test_both_cameras_have_pictures(twin: Twin) -> None:
 def test_a_picture_that_never_changes_is_not_shown_however_often_it_is_opened(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    """The SDK process has stopped, and gives its last picture for ever."""
+    """The SDK process has stopped, and returns its last picture for ever."""
     told_s = 1234.5
 
     async def ask(client: Any, view: str) -> p.Picture:

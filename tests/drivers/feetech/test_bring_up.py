@@ -1,4 +1,4 @@
-"""The Feetech wire is opened and armed, on the twin's servos in memory under virtual time."""
+"""Test how the Feetech wire is opened and armed, on the twin's servos in memory and virtual time."""
 
 from __future__ import annotations
 
@@ -188,7 +188,7 @@ def test_saf_011_arm_sets_the_goal_first_and_energises_one_by_one(goal_energises
         rig = FeetechRig(goal_energises=goal_energises)
         await rig.wire.open()
         for servo in rig.bus.servos:
-            servo.put(protocol.GOAL_POSITION, 100)  # an old goal: energising on it would be a jump
+            servo.put(protocol.GOAL_POSITION, 100)  # an old goal: energising on it would cause a jump
         rig.port.written.clear()
         permission = Permission(rig.port)
         seen = await rig.wire.arm(permission)

@@ -1,4 +1,4 @@
-"""Every refusal of the Feetech driver, and that nothing else passes. All of it pure."""
+"""Test every refusal of the Feetech driver, and that nothing else passes. No I/O."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ CALIBRATION = {
 
 
 def so101(calibration: Mapping[str, Any] | None = CALIBRATION) -> Feetech:
-    """Return an arm whose user lets one command send a joint any way."""
+    """Return an arm with an option that lets one command move a joint by any angle."""
     return Feetech("so101", "/dev/none", Feetech.resolve("so101", {"calibration": calibration, "max_jump": 360}))
 
 
@@ -317,7 +317,8 @@ def test_the_whole_range_is_accepted_and_nothing_beyond(span: tuple[int, int], d
     for axis in driver.joints:
         for count in span:
             assert isinstance(decide(driver, {axis.key: axis.value(count)}), Candidate)
-        beyond = 1 + math.ceil(2 * READING_NOISE * (span[1] - span[0]))  # a joint at its end may be told to stay
+        # a joint at its end may be commanded to stay there
+        beyond = 1 + math.ceil(2 * READING_NOISE * (span[1] - span[0]))
         for count in (span[0] - beyond, span[1] + beyond):
             assert refusal({axis.key: axis.value(count)}, driver=driver).code == "past_travel"
 

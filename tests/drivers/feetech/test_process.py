@@ -1,4 +1,4 @@
-"""The Feetech wire against the twin's own process, on a pty."""
+"""Test the Feetech wire against the twin's own process, on a pty."""
 
 from __future__ import annotations
 
@@ -30,8 +30,7 @@ def twin(tmp_path: Path) -> Iterator[TwinProcess]:
 
 
 async def connected(wire: FeetechWire) -> dict[str, Any]:
-    """Open, and again if need be, as a supervisor does: on a busy machine the twin may miss a
-    ping."""
+    """Open the wire, with retries as a supervisor does. On a busy machine the twin may miss a ping."""
     for _ in range(9):
         with contextlib.suppress(WireDown):
             return await wire.open()
@@ -100,8 +99,8 @@ def test_the_stop_channel_makes_the_robot_of_a_dead_owner_limp(twin: TwinProcess
         await wire.arm(Permission())
         descriptors = [os.dup(fd) for fd in wire.handover()]
         setpoint = protocol.sync_write(protocol.GOAL_POSITION, dict.fromkeys(driver.ids, 3000))
-        os.write(wire.handover()[0], setpoint[:13])  # died in the middle of a frame
-        os.close(wire.handover()[0])  # as the kernel does it: no goodbye
+        os.write(wire.handover()[0], setpoint[:13])  # it died in the middle of a frame
+        os.close(wire.handover()[0])  # as the kernel does, without a goodbye
 
         second = driver.stop_channel(descriptors, MonotonicClock())
         before = len(host_kinds(twin))
@@ -138,7 +137,7 @@ def test_two_masters_are_refused_and_a_closed_port_can_be_opened_again(twin: Twi
         other = driver.open_wire(MonotonicClock())
         with pytest.raises(WireDown, match="in use"):
             await other.open()
-        kept = os.dup(wire.handover()[0])  # the root's: must not keep us out
+        kept = os.dup(wire.handover()[0])  # the root's descriptor: must not keep us out
         wire.close()
         await connected(other)
         other.close()
@@ -213,7 +212,7 @@ def test_a_port_that_hangs_up_is_told_from_one_that_has_data() -> None:
 def test_saf_020_the_root_lets_go_of_a_port_that_was_pulled_and_opens_it_again_when_it_is_needed(
     twin: TwinProcess,
 ) -> None:
-    """Who keeps it open would get the adapter another name when it comes back."""
+    """A process that kept it open would give the adapter another name when it comes back."""
 
     async def main() -> None:
         driver, wire = on(twin)

@@ -1,4 +1,4 @@
-"""The Feetech codec: what goes in comes out, and no noise becomes a frame."""
+"""Test the Feetech codec: encoded packets decode to the same, and noise never becomes a frame."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The twin's servos, in virtual time: the control table and what it does to the joints."""
+"""Test the twin's servos in virtual time: the control table and its effect on the joints."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ class Bench:
         return self.status(p.write(servo_id, register, value))
 
     def wait(self, seconds: float) -> None:
-        """As a client that looks at the robot at 100 Hz."""
+        """Let time pass, as with a client that reads the robot at 100 Hz."""
         for _ in range(round(seconds * 100)):
             self.now_s += 0.01
             self.ask(p.ping(1))
@@ -151,7 +151,7 @@ def test_eeprom_survives_only_what_was_written_unlocked() -> None:
     assert bench.get(3, p.P_GAIN) == 32
     assert bench.get(3, p.D_GAIN) == 8
     assert bench.get(3, p.LOCK) == 1
-    assert bench.get(3, p.GOAL_POSITION) == bench.get(3, p.POSITION)  # RAM is new
+    assert bench.get(3, p.GOAL_POSITION) == bench.get(3, p.POSITION)  # RAM is reset
 
 
 def test_an_id_written_unlocked_is_the_id_from_then_on() -> None:
@@ -360,7 +360,7 @@ def test_goal_velocity_limits_the_speed_on_the_way_to_a_goal() -> None:
     bench.put(1, p.GOAL_POSITION, 2648)
     bench.wait(1.0)
     assert 2150 < bench.get(1, p.POSITION) < 2300
-    bench.put(1, p.GOAL_POSITION, 1800)  # on the way: from where it is
+    bench.put(1, p.GOAL_POSITION, 1800)  # on the way, from the present position
     bench.wait(1.0)
     assert 1950 < bench.get(1, p.POSITION) < 2150
     bench.put(1, p.GOAL_VELOCITY, 0)

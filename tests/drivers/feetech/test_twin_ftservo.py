@@ -1,5 +1,5 @@
-"""ftservo-python-sdk, the vendor's newer one, as it is, against the twin: wheel mode and moves with
-a speed, which the older one has no calls for."""
+"""Test the vendor's newer, unmodified ftservo-python-sdk against the twin: wheel mode, and moves with a speed.
+The older SDK has no calls for these."""
 
 from __future__ import annotations
 

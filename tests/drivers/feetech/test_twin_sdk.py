@@ -1,4 +1,4 @@
-"""The vendor's own SDK, as it is, against the twin on a real pseudo-terminal."""
+"""Test the vendor's unmodified SDK against the twin on a real pseudo-terminal."""
 
 from __future__ import annotations
 
@@ -25,8 +25,7 @@ def twin(tmp_path: Path) -> Iterator[TwinProcess]:
 
 @pytest.fixture
 def port(twin: TwinProcess, monkeypatch: pytest.MonkeyPatch) -> Iterator[Any]:
-    # 34 ms of wall clock are too short on a busy machine, and after one late reply this SDK never
-    # recovers
+    # 34 ms of wall clock are too short on a busy machine. After one late reply this SDK never recovers.
     monkeypatch.setattr(port_handler, "LATENCY_TIMER", 2000)
     handler = sdk.PortHandler(twin.port)
     assert handler.openPort()

@@ -1,5 +1,4 @@
-"""The Feetech wire reads, writes and makes safe, on the twin's servos in memory under virtual
-time."""
+"""Test how the Feetech wire reads, writes and makes safe, on the twin's servos in memory and virtual time."""
 
 from __future__ import annotations
 
@@ -91,7 +90,7 @@ def test_a_silent_servo_keeps_its_stamp_and_holds_nobody_up() -> None:
 
         rig.bus.set_fault(Fault.OK, VICTIM)
         await read_until(rig.wire, lambda seen: seen.faults == {"elbow_flex": "limp"})
-        # its power came back, its torque did not
+        # Its power came back, its torque did not.
 
     virtual(main)
 
@@ -195,7 +194,7 @@ def test_what_a_servo_reports_is_named() -> None:
 
 
 def test_a_late_servo_never_lies() -> None:
-    """Sixty milliseconds late while its joint moves on: no reading of it is ever an older one."""
+    """It answers 60 ms late while its joint moves on. No reading may be an older one."""
 
     async def main() -> None:
         rig = await FeetechRig().armed()
@@ -253,7 +252,7 @@ def test_a_motor_that_keeps_its_torque_is_named() -> None:
 
 
 def test_safe_frames_survive_half_a_setpoint() -> None:
-    """The frame its writer did not finish takes bytes of ours for its own, wherever it was cut."""
+    """The unfinished frame swallows bytes of ours, wherever it was cut."""
 
     async def main() -> None:
         setpoint = protocol.sync_write(protocol.GOAL_POSITION, dict.fromkeys(range(1, 7), 3000))

@@ -1,4 +1,4 @@
-"""Franka arms on twins, cleaned up whatever the test does."""
+"""Franka arms on twins, cleaned up after every test."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ NEAR_RAD = 2e-3
 
 
 def cycle_of(arm: RealRobot) -> int:
-    """The process that sends the commands: the wire's only child."""
+    """Return the process that sends the commands: the wire's only child."""
     wire = pids(arm)["wire"]
     (child,) = Path(f"/proc/{wire}/task/{wire}/children").read_text().split()
     return int(child)
 
 
 def away(arm: RealRobot, rad: float) -> dict[str, float]:
-    """A goal so far from where each joint is."""
+    """Return a goal at this distance from each joint's position."""
     return {joint: here + rad for joint, here in arm.get_observation().items()}
 
 

@@ -1,3 +1,3 @@
-"""What these tests take from others."""
+"""Fixtures that these tests import from others."""
 
 from tests.cli.conftest import cli as cli

@@ -1,4 +1,4 @@
-"""What a client writes before anything was answered, and which answers it believes."""
+"""Test the client's writes before the first answer, and which answers it accepts."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ DIALECT = p.DIALECTS[5]
 
 
 class Ends:
-    """A connection and a socket for states, of which the writes are kept."""
+    """A connection and a socket for states that keep their writes."""
 
     name = "the controller"
 
@@ -45,7 +45,7 @@ def test_saf_022_a_stop_leaves_with_the_greeting() -> None:
 
 
 def test_saf_022_an_answer_counts_for_the_question_that_it_names() -> None:
-    """By its number and by its command: a motion's end is no answer to the stop behind it."""
+    """Both number and command must match: the end of a motion does not answer the stop after it."""
     fci, ends = client()
     fci.greet()
     motion, stop = fci.start_motion(), fci.send("stop")

@@ -1,4 +1,4 @@
-"""The 1 kHz cycle without its process: states in, commands out."""
+"""Test the 1 kHz cycle without its process: states in, commands out."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ class Rig:
         return bytes(data)
 
     def tick(self, count: int = 1, by: int = 1) -> p.Command | None:
-        """Let states come, ``by`` milliseconds apart; the last answer."""
+        """Deliver states, ``by`` milliseconds apart. Return the last answer."""
         command = None
         for _ in range(count):
             self.ms += by
@@ -204,7 +204,7 @@ def test_saf_022_an_old_state_is_no_life() -> None:
 @pytest.mark.parametrize("row", ["q", "q_d", "dq"])
 @pytest.mark.parametrize("number", [float("nan"), float("inf"), -1000.0])
 def test_saf_012_a_state_that_tells_no_joints_is_no_life(fci: int, row: str, number: float) -> None:
-    """The wire takes nothing from it: its last reading would grow old on a link that is up."""
+    """The wire gets no position from it. Its last reading would grow old on a link that is up."""
     rig = Rig(fci)
     assert rig.cycle.is_news(rig.state())
     rig.ms += 1
@@ -254,8 +254,8 @@ def test_a_report_there_and_back() -> None:
 @pytest.mark.parametrize("robot", ["panda", "fr3"])
 @pytest.mark.parametrize("late", [True, False], ids=["answers come too late", "states are lost"])
 def test_a_controller_that_went_on_by_itself_is_met_where_it_is(robot: str, late: bool) -> None:
-    """Against the twin's controller, with its limits of speed, acceleration and jerk: one to three
-    commands are missing, a hundred times."""
+    """One to three commands are missing, a hundred times. The twin's controller has its limits of speed,
+    acceleration and jerk."""
     dice = random.Random(robot)
     arm = arm_of(robot)
     fci = 5 if robot == "panda" else 10

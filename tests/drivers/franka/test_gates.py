@@ -1,4 +1,4 @@
-"""What is refused: each gate and condition with its code, what was offered and the limit."""
+"""Test which commands are refused: each gate and condition with its code, offered value and limit."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def seen(
 def ask(
     driver: Franka, action: Mapping[str, object], observation: Observation | None = None
 ) -> Candidate | Refused:
-    """As the gate asks."""
+    """Judge an action as the gate does."""
     observation = observation or seen()
     for condition in driver.conditions:
         refusal = condition.check(observation, NOW)

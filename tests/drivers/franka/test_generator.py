@@ -1,4 +1,4 @@
-"""The generator keeps the limits of the arm as its controller sees them: by differences of
+"""Test that the generator keeps the arm's limits as its controller computes them: from differences of
 successive commands."""
 
 from __future__ import annotations

@@ -1,5 +1,5 @@
-"""The codec: messages in any pieces, states and commands there and back, and garbage refused by its
-own error."""
+"""Test the codec: messages in pieces of any size, states and commands there and back, and the codec's own error
+for garbage."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A Franka arm on the real tree: real processes, the twin at its wire. Judged by the twin's log."""
+"""Test a Franka arm with its real tree: real processes, with the twin on the wire. The twin's log decides."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from tests.trees import answers_status, made_safe, robot_on, shared_twin
 
 from .arms_on_twins import away, cycle_of, is_at, wait_at
 
-"""On the published bounds, for a busy machine."""
+"""Added to the published bounds, for a busy machine."""
 JOINTS = arm_of("panda").keys
 
 
@@ -49,7 +49,7 @@ def arm(twin: Twin, run_dir: Path) -> Iterator[RealRobot]:
 
 @pytest.fixture
 def moving(arm: RealRobot, twin: Twin) -> RealRobot:
-    """On its way for a second or more, to and fro from test to test."""
+    """Return an arm that moves for a second or more, in alternating directions from test to test."""
     far = 0.6 if arm.get_observation()[JOINTS[0]] < 0.5 else -0.6
     began_ns = time.monotonic_ns()
     json_of(arm.send_action({**arm.get_observation(), JOINTS[0]: arm.get_observation()[JOINTS[0]] + far}))
@@ -58,7 +58,7 @@ def moving(arm: RealRobot, twin: Twin) -> RealRobot:
 
 
 def comes_back(arm: RealRobot, twin: Twin) -> None:
-    """By itself, disarmed; moves only after a resume, from where it is."""
+    """Assert that it reconnects by itself, disarmed, and moves only after a resume, from its present position."""
     until(lambda: state(arm) == "disarmed", "it is back, disarmed")
     back_ns = time.monotonic_ns()
     assert "resume() first" in why(arm.send_action(away(arm, 0.01)))
@@ -75,13 +75,13 @@ def comes_back(arm: RealRobot, twin: Twin) -> None:
 
 
 def recovers(arm: RealRobot) -> None:
-    """As soon as no stop is under way."""
+    """Recover as soon as no stop is under way."""
     answer = until(lambda: None if (told := arm.recover())["status"] == "error" else told, "it recovers")
     assert json_of(answer) == {"recovered": True}
 
 
 def commanded(twin: Twin, since_ns: int) -> list[tuple[float, ...]]:
-    """q_c of each setpoint, by the log."""
+    """Return q_c of each setpoint in the log."""
     return [struct.unpack_from("<Q7d", entry.data)[1:] for entry in twin.log.host("setpoint", since_ns)]
 
 
@@ -197,7 +197,7 @@ def test_a_controller_of_the_other_version_is_named(
 
 
 def test_a_twin_without_anything_else(run_dir: Path) -> None:
-    """As in the README: no vendor's SDK, no port."""
+    """The README's case: no vendor SDK, no port."""
     with Robot("fr3", mode="real", transport="twin") as arm:
         goal = {joint: here - 0.05 for joint, here in arm.get_observation().items()}
         json_of(arm.send_action(goal))
@@ -205,7 +205,7 @@ def test_a_twin_without_anything_else(run_dir: Path) -> None:
 
 
 def test_a_simulation_moves_as_it_is_told(run_dir: Path) -> None:
-    """One joint is enough: what gates refuse is the real arm's."""
+    """One joint is enough. The gates that require all joints are the real arm's."""
     with Robot("panda") as sim:
         json_of(sim.send_action({"joint1": 0.3}))
         wait_at(sim, {"joint1": 0.3})
@@ -217,7 +217,7 @@ def test_a_simulation_moves_as_it_is_told(run_dir: Path) -> None:
         assert sim.render(64, 48).shape == (48, 64, 3)
 
 
-# -- the controller says no
+# -- refusals of the controller
 
 
 @pytest.mark.parametrize(
@@ -228,8 +228,8 @@ def test_a_simulation_moves_as_it_is_told(run_dir: Path) -> None:
     ],
 )
 def test_saf_003_a_stop_of_the_controllers_own(moving: RealRobot, twin: Twin, order: str, said: str) -> None:
-    """Named, disarmed; nothing goes on by itself when it is over, and arming is refused as long as
-    it lasts."""
+    """The fault is named and disarms. No motion continues by itself afterwards, and arming is refused while it
+    lasts."""
     began_ns = time.monotonic_ns()
     twin.order(order)
     until(lambda: state(moving) == "disarmed", "the tree notices by itself")
@@ -274,7 +274,7 @@ def test_commands_that_do_not_arrive_are_told_and_new_targets_refused(moving: Re
 @pytest.mark.quick_cases(1)
 @pytest.mark.parametrize("fault", [signal.SIGKILL, signal.SIGSTOP])
 def test_saf_003_the_wire_process_dies_or_freezes(moving: RealRobot, twin: Twin, fault: signal.Signals) -> None:
-    """Its connection ends with it; the root sees that the arm stands, by one of its own."""
+    """The connection ends with the process. The root sees on its own connection that the arm stands."""
     victim, cycle = pids(moving)["wire"], cycle_of(moving)
     began_ns = time.monotonic_ns()
     os.kill(victim, fault)
@@ -287,7 +287,7 @@ def test_saf_003_the_wire_process_dies_or_freezes(moving: RealRobot, twin: Twin,
 
 @pytest.mark.parametrize("fault", [signal.SIGKILL, signal.SIGSTOP])
 def test_saf_003_the_cycle_process_dies_or_freezes(moving: RealRobot, twin: Twin, fault: signal.Signals) -> None:
-    """The controller stops the arm by itself, or a StopMove does: which is first is chance."""
+    """Either the controller or a StopMove stops the arm first."""
     cycle = cycle_of(moving)
     began_ns = time.monotonic_ns()
     os.kill(cycle, fault)
@@ -320,7 +320,7 @@ def test_saf_016_wire_and_root_die_together(moving: RealRobot, twin: Twin) -> No
 
 @pytest.mark.long
 def test_saf_012_frozen_while_it_moves(moving: RealRobot, twin: Twin) -> None:
-    """What is on its way then is followed by a safe frame when it wakes up."""
+    """Setpoints under way are followed by a safe frame when it wakes up."""
     twin.pause()
     answers_status(moving)
     assert not status(moving)["connected"]
@@ -364,7 +364,7 @@ def test_saf_012_unplugged_while_it_moves(moving: RealRobot, twin: Twin) -> None
 @pytest.mark.quick_cases(1)
 @pytest.mark.parametrize("fault", ["stuck", "garbage"])
 def test_saf_012_states_that_say_nothing_are_no_link(moving: RealRobot, twin: Twin, fault: str) -> None:
-    """Its numbers stand still, or nothing is a state: the connection is open all the same."""
+    """Either its numbers do not change, or no message is a state. The connection is open all the same."""
     twin.fault(fault)
     until(lambda: not status(moving)["connected"] or state(moving) == "disarmed", "it is noticed")
     twin.fault("ok")
@@ -399,7 +399,7 @@ def test_power_cycled(moving: RealRobot, twin: Twin) -> None:
 
 @pytest.mark.long
 def test_saf_012_a_controller_that_is_frozen_before_connecting_hangs_nobody(twin: Twin, run_dir: Path) -> None:
-    """The vendor's constructors never return here."""
+    """The vendor's constructors would never return here."""
     twin.pause()
     arm = Robot("panda", mode="real", port=twin.port)
     connecting = threading.Thread(target=arm.connect_eagerly)

@@ -1,4 +1,4 @@
-"""The twin's controller: its guards end a motion for what a real one would, and name it."""
+"""Test the twin's controller: its guards end a motion for the same faults as a real one, and name them."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from strands_actors.drivers.franka.twin.model_library import model_library
 HOME = tuple(HOME_RAD)
 ZEROS = (0.0,) * 7
 Path7 = Callable[[int], float]
-"""How far joint 1 is to be, by millisecond."""
+"""Returns the target of joint 1 for each millisecond."""
 
 
 def controller_of(robot: str = "panda") -> Controller:
@@ -31,7 +31,7 @@ def controller_of(robot: str = "panda") -> Controller:
 
 
 def follow(controller: Controller, path: Path7, ticks: int) -> tuple[int, str] | None:
-    """Send joint 1 along a path; the end of the motion, if it ends."""
+    """Send joint 1 along a path. Return the end of the motion, if it ends."""
     for at in range(ticks):
         controller.take(p.Command(at, (path(at), *HOME[1:]), ZEROS, ZEROS, False))
         ended = controller.tick()
@@ -86,14 +86,14 @@ def test_a_path_past_the_range_ends_the_motion() -> None:
 def test_near_the_end_of_its_range_an_fr3_may_not_be_fast() -> None:
     controller = controller_of("fr3")
     begin(controller)
-    limits = limits_of(arm_of("panda"), 1.0)  # whose joints may be as fast at their ends
+    limits = limits_of(arm_of("panda"), 1.0)  # its joints may be as fast at their ends
     trajectory = Trajectory(limits, HOME)
     trajectory.aim((2.74, *HOME[1:]))
     ended = None
     while ended is None and not trajectory.arrived:
         controller.take(p.Command(0, trajectory.step(), ZEROS, ZEROS, False))
         ended = controller.tick()
-    assert controller.reasons  # which guard is first is the arm's
+    assert controller.reasons  # which guard acts first depends on the arm
 
 
 def test_saf_013_twenty_missed_commands_are_gone_on_without_and_one_more_is_not() -> None:

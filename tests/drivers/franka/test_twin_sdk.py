@@ -1,8 +1,7 @@
-"""The vendor's clients, as they are, against the twin: panda-python (FCI 5) and pylibfranka (FCI
-10).
+"""Test the vendor's unmodified clients against the twin: panda-python (FCI 5) and pylibfranka (FCI 10).
 
-In processes of their own: their constructors wait for ever for a controller that is frozen, one of
-them with the interpreter's lock.
+They run in separate processes. Their constructors wait for ever for a frozen controller, one of them with the
+interpreter's lock.
 """
 
 from __future__ import annotations
@@ -72,14 +71,14 @@ def program(twin: TwinProcess, text: str) -> Iterator[subprocess.Popen[str]]:
 
 
 def hear(client: subprocess.Popen[str], word: str) -> None:
-    """Wait until the program says so."""
+    """Wait until the program prints this word."""
     assert client.stdout is not None
     while word not in (line := client.stdout.readline()):
         assert line, "the client has ended"
 
 
 def told_by(client: subprocess.Popen[str]) -> dict[str, Any]:
-    """What the program tells at its end."""
+    """Return the result that the program prints at its end."""
     said, _ = client.communicate(timeout=3 * PATIENCE_S)
     lines = [line for line in said.splitlines() if line.startswith("{")]
     assert client.returncode == 0 and lines, said
@@ -114,7 +113,7 @@ end(mode=str(first.robot_mode), moved=moved, reached=reached, started=started, p
     assert told["mode"] == "RobotMode.kIdle"
     assert told["moved"] and told["started"]
     assert told["reached"] < 0.01
-    assert told["pose"][12:15] == pytest.approx([0.3069, 0.0, 0.5903], abs=1e-3)  # of the vendor's start pose
+    assert told["pose"][12:15] == pytest.approx([0.3069, 0.0, 0.5903], abs=1e-3)  # the vendor's start pose
     assert told["coriolis"] == [0.0] * 7
     kinds = [kind for kind, _ in panda.logged("host")]
     assert kinds.count("enable") == 2 and kinds.count("setpoint") > 1000
@@ -235,7 +234,7 @@ end(cycles=cycles, moved=[there - here for there, here in zip(state.q, start)], 
 
 @pytest.mark.needs("pylibfranka")
 def test_pylibfranka_is_stopped_by_a_guard_and_recovers(fr3: TwinProcess) -> None:
-    """It jumps; the controller's guard ends the motion, names why, and is cleared."""
+    """The program jumps. The controller's guard ends the motion and names the reason, and the fault is cleared."""
     told = run(
         fr3,
         FR3
@@ -288,7 +287,7 @@ except Exception as error:
     ],
 )
 def test_saf_003_a_client_that_is_killed_leaves_an_arm_that_stands(robot: str, text: str, tmp_path: Path) -> None:
-    """Its connection ends with it, and the controller ends the motion with the connection."""
+    """The connection ends with the process, and the controller then ends the motion."""
     with twin_of(robot, tmp_path) as twin:
         motion = (
             "print('moving', flush=True); panda.move_to_joint_position([rad + 1.0 for rad in panda.q], 0.2)"

@@ -1,5 +1,4 @@
-"""A Franka arm as others see it: recorded and replayed, in an agent's hands, by the command
-line."""
+"""Test the use of a Franka arm: recorded and replayed, by an agent, from the command line."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The wire and the stop channel on a twin, without a tree: what is written, and what is not."""
+"""Test the wire and the stop channel on a twin, without a tree: what is written, and what is not."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ def twin(twin_process: Twin) -> Iterator[Twin]:
 
 
 def on_wire(twin: Twin, act: Callable[[FrankaWire], Awaitable[None]]) -> None:
-    """On a wire that is open."""
+    """Run ``act`` on an open wire."""
 
     async def run() -> None:
         wire = FrankaWire(Franka("panda", twin.port, {}).config, MonotonicClock())
@@ -68,7 +68,7 @@ def on_wire(twin: Twin, act: Callable[[FrankaWire], Awaitable[None]]) -> None:
             wire.close()
             if session is not None:
                 with trio.CancelScope(shield=True):
-                    await session.child.wait()  # which a wire that is closed does beside
+                    await session.child.wait()  # a wire that is closed waits for it, too
 
     trio.run(run)
 
@@ -85,7 +85,7 @@ async def goal_of(wire: FrankaWire, far: float) -> tuple[float, ...]:
 
 
 async def switch(wire: FrankaWire, twin: Twin, mode: RobotMode) -> None:
-    """Have the controller go to a mode, and wait until the wire knows."""
+    """Set the controller's mode, and wait until the wire has read it."""
     twin.order(f"mode {mode.name}")
     with trio.fail_after(PATIENCE_S):
         while (await wire.read()).sensors["robot_mode"] != (float(mode),):  # noqa: ASYNC110  # as in ``until``
@@ -158,7 +158,7 @@ def test_a_motion_that_the_controller_ended_is_not_begun_again_before_it_is_arme
 
 
 def test_a_target_that_comes_before_the_motion_before_has_ended_is_begun_by_the_re_send(twin: Twin) -> None:
-    """It is not refused: what was refused is not sent again."""
+    """It is not refused, because a refused target is not sent again."""
 
     async def act(wire: FrankaWire) -> None:
         await wire.arm(Yes())
@@ -202,7 +202,7 @@ def test_a_target_that_comes_while_no_state_does_is_begun_by_the_re_send(twin: T
 
 
 def transport_on(wire: FrankaWire) -> Transport:
-    """The transport of a tree, alone: it has the wire, and nobody listens to it."""
+    """Return the transport of a tree alone: it has the wire, and its messages have no receiver."""
     transport = Transport(Franka("panda", "192.0.2.1", {}), "gate", "watchdog", "guardian", EPOCH)
     nobody = SimpleNamespace(tell=lambda message: None)
     transport.context = SimpleNamespace(  # type: ignore[assignment]
@@ -260,7 +260,7 @@ def test_saf_002_what_waits_to_be_begun_is_not_begun_after_a_stop(twin: Twin) ->
 
 
 def test_saf_010_a_target_is_not_begun_behind_a_motion_that_is_not_ours(twin: Twin) -> None:
-    """However long that takes: nobody expects the arm to move then."""
+    """This holds however long it takes: no caller expects the arm to move then."""
 
     async def act(wire: FrankaWire) -> None:
         await wire.arm(Yes())

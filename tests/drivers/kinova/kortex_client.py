@@ -1,6 +1,8 @@
-"""A Kortex client of its own: blocking, without a line of the product's codec, written from the
-field tables of the vendor's public protobuf definitions. The vendor's own client is on no package
-index."""
+"""An independent, blocking Kortex client without any of the product's codec.
+
+It is written from the field tables of the vendor's public protobuf definitions. The vendor's own client is on
+no package index.
+"""
 
 from __future__ import annotations
 
@@ -74,7 +76,7 @@ def real_of(found: Fields, field: int) -> float:
 
 
 class Client:
-    """One connection. ``session`` is what the base said it is."""
+    """One connection. ``session`` is the number that the base gave it."""
 
     def __init__(self, address: str) -> None:
         host, _, port = address.partition(":")
@@ -96,7 +98,11 @@ class Client:
         return self
 
     def call(self, function: int, payload: bytes = b"") -> Fields:
-        """Return the fields of the answer. Raise ``KortexError``."""
+        """Return the fields of the answer.
+
+        Raises:
+            KortexError: The base refused the call.
+        """
         self._number += 1
         self.socket.sendall(self.frame(function, payload))
         head = self._exactly(12)

@@ -1,4 +1,4 @@
-"""The Kinova wire and its stop channel on the twin's base, in memory under virtual time."""
+"""The Kinova wire and its stop channel on the twin's base, in memory and virtual time."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ HOST = "192.0.2.10"
 
 
 class Rig:
-    """``told``: every frame that reached the base, in order."""
+    """A wire on a base. ``told`` has every frame that reached the base, in order."""
 
     def __init__(self, options: dict[str, Any] | None = None, **bench: Any) -> None:
         self.driver = Kinova("kinova_gen3", HOST, options or {})
@@ -29,8 +29,8 @@ class Rig:
         self.wire = KinovaWire(self.driver.config, self.clock, self.connect)
         self.ports: list[MemoryPort] = []
         self.told: list[tuple[float, Frame]] = []
-        self.silent = False  # hears, and says nothing
-        self.deaf: set[int] = set()  # calls that are lost before they are done
+        self.silent = False  # the base receives, but sends nothing
+        self.deaf: set[int] = set()  # calls that are lost before they are carried out
         self.delay_s: Callable[[int], float] = lambda call: 0.001
         self.target: tuple[float, ...] | None = None
 
@@ -51,7 +51,7 @@ class Rig:
         self.ports.append(MemoryPort(peer))
         return self.ports[-1]
 
-    # -- what the tree does
+    # -- the actions of the tree
 
     async def armed(self) -> Rig:
         await self.wire.open()
@@ -60,14 +60,14 @@ class Rig:
         return self
 
     async def period(self, earned: bool = True) -> Observation:
-        """One control period: re-send what is live, then read."""
+        """Run one control period: re-send the live target, then read."""
         await trio.sleep(self.driver.config.period_s)
         if earned and self.target is not None:
             await self.wire.write(self.target, Permission())
         return await self.wire.read()
 
     async def go(self, joint: int, step_rad: float) -> None:
-        """Write a target, as far away from where the joint is."""
+        """Write a target at this distance from the joint's position."""
         target = list((await self.wire.read()).position)
         target[joint] += step_rad
         self.target = tuple(target)
@@ -80,7 +80,7 @@ class Rig:
     def stop_channel(self) -> KinovaStopChannel:
         return KinovaStopChannel(self.driver.config, (), self.clock, self.connect)
 
-    # -- what came of it
+    # -- results
 
     def calls(self, since_s: float = 0.0) -> list[int]:
         return [frame.call for at_s, frame in self.told if at_s >= since_s]
@@ -93,6 +93,6 @@ class Rig:
 
     @property
     def velocity(self) -> float:
-        """Of the fastest joint, as it is."""
+        """Return the true velocity of the fastest joint."""
         self.twin.base.advance()
         return max(abs(rad_s) for rad_s in self.twin.base.plant.velocity_rad_s)

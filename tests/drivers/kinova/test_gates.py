@@ -1,4 +1,4 @@
-"""What is refused, by name, and what is not. All of it pure."""
+"""Test which commands are refused, with their codes, and which are accepted. No I/O."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ def state(
 
 
 def judge(action: Mapping[Any, Any], at: GateState | None = None, arm: Kinova = ARM) -> Candidate | Refused:
-    """As the gate asks: conditions, parse, gates."""
+    """Judge an action as the gate does: conditions, parse, gates."""
     at = at or state()
     for condition in arm.conditions:
         if (no := condition.check(at.observation, at.now_ns)) is not None:

@@ -1,4 +1,4 @@
-"""Kortex frames and messages: bytes that are on record, every field there and back, and noise."""
+"""Test Kortex frames and messages: recorded bytes, every field there and back, and noise."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ KEEP_ALIVE = bytes.fromhex(
     "2500000000"  # no payload
     "1200"
 )
-"""Laid out by hand from the field table of the header."""
+"""Written by hand from the field table of the header."""
 
 words16, words12, words28 = st.integers(0, 0xFFFF), st.integers(0, 0xFFF), st.integers(0, 0xFFF_FFFF)
 frames = st.builds(
@@ -66,7 +66,7 @@ def test_frames_come_back_in_whatever_pieces(wanted: list[p.Frame], piece: int) 
 
 @given(st.binary(max_size=40), frames, frames)
 def test_what_is_no_frame_is_skipped_up_to_the_next(noise: bytes, first: p.Frame, second: p.Frame) -> None:
-    """As for who takes over a connection in the middle of an answer."""
+    """This happens when a process takes over a connection in the middle of an answer."""
     decoder = p.Decoder()
     half = first.encode()[9:]
     found = list(decoder.feed(noise + half + second.encode()))
@@ -135,8 +135,7 @@ def disturb(chance: random.Random, data: bytes) -> bytes:
 
 
 def fuzz(rounds: int, seed: int) -> int:
-    """Return how many disturbed frames were read as frames. Nothing but ``MalformedFrame`` may come
-    of them."""
+    """Return how many disturbed frames were decoded. The others may raise only ``MalformedFrame``."""
     chance, read = random.Random(seed), 0
     feedback = p.Feedback(7, tuple(p.Actuator(float(at), 1.0, 2.0, 3.0, 40.0, 41.0, (1, 2)) for at in range(7)))
     payloads = (feedback.encode(), p.Login("admin", "admin").encode(), p.encode_speeds([1.0] * 7), b"\x08\x07")

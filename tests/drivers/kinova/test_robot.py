@@ -1,4 +1,4 @@
-"""What surrounds the tree: recordings, certificates, passwords, the simulation."""
+"""Test what surrounds the tree: recordings, certificates, passwords, the simulation."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ RECORDER = "from strands_actors.surfaces.cli import main; main()"
 
 @pytest.fixture
 def arm(tmp_path: Path) -> Iterator[RealRobot]:
-    """On a twin with a password of its own."""
+    """Yield an arm on a twin with a different password."""
     options = {"username": "me", "password": PASSWORD}
     with TwinProcess(tmp_path, "kinova_gen3", "kinova", options=options) as twin:
         robot = Robot("kinova_gen3", mode="real", port=twin.port, **options)
@@ -132,7 +132,7 @@ def test_it_is_simulated_without_gates_and_driven_on_its_wire(run_dir: Path) -> 
         until(lambda: abs(sim.get_observation()["joint_1"] - 0.8) < 0.02, "it is there")
         assert "joint_9 is not a joint" in why(sim.send_action({"joint_9": 0.0}))
 
-        connected(real)  # it is refused while the arm, which has just come there, still sways
+        connected(real)  # refused while the arm, which has just arrived, still sways
         seen = real.get_observation()
         assert seen["joint_1"] == pytest.approx(0.8, abs=0.02)
         json_of(real.send_action({"joint_1": seen["joint_1"] - 0.02}))

@@ -1,5 +1,5 @@
-"""The base takes nothing more, and then the wire process dies: what it had written must not come behind
-a stop. On real sockets, since it is the system that keeps what was not sent."""
+"""Test a base that reads no more when the wire process dies: its unsent bytes must not arrive after a stop.
+This needs real sockets, since the system keeps the unsent bytes."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ def test_saf_010_a_stop_is_not_written_behind_joint_speeds_that_the_base_does_no
                 raise WireDown("output is blocked: not meant to be")
             driver = Kinova("kinova_gen3", f"{host}:{number}", {})
             channel = KinovaStopChannel(driver.config, (os.dup(wires.fileno()), new_page()), MonotonicClock())
-            wires.close()  # its process has died; the root has the connection still
+            wires.close()  # its process has died; the root still has the connection
             await channel.make_safe("stop")
             channel.close()
             peer.settimeout(5.0)

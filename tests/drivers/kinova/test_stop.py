@@ -1,4 +1,4 @@
-"""How the wire and its stop channel stop the twin's arm, in memory under virtual time."""
+"""Test how the wire and its stop channel stop the twin's arm, in memory and virtual time."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from .rig import Rig
 STEP_RAD = 0.02
 STOPS_WITHIN_S = 1.5
 REACHES_WITHIN_S = 1.25
-"""What is left of it for a wire without a link."""
+"""The time that remains for a wire without a link."""
 
 
 def all_safe(reports: tuple[MotorReport, ...]) -> bool:
@@ -119,7 +119,7 @@ def test_a_stop_whose_answers_are_late_is_confirmed_all_the_same(late_s: float) 
 
 
 def test_saf_005_what_is_not_answered_is_not_called_safe_and_stops_go_on() -> None:
-    """Nor is an emergency stop left in the way of a base that comes back."""
+    """A base that comes back must not find a remaining emergency stop either."""
 
     async def main() -> None:
         rig = await moving(Rig())
@@ -165,7 +165,7 @@ def test_saf_005_an_arm_that_does_not_obey_is_reported_by_joint() -> None:
 
 
 def test_saf_005_feedback_that_stands_still_proves_no_standstill() -> None:
-    """It shows an arm at rest, which turns."""
+    """The feedback shows an arm at rest, but the arm turns."""
 
     async def main() -> None:
         rig = await Rig().armed()
@@ -187,7 +187,8 @@ def test_saf_005_feedback_that_stands_still_proves_no_standstill() -> None:
 
 @pytest.mark.parametrize("step", [STEP_RAD, -STEP_RAD])
 def test_saf_011_a_hold_tells_where_it_holds(step: float) -> None:
-    """And not where the arm was when it was told to: behind the seam of 0 degrees, too."""
+    """The report has the hold position, and not the position when the hold was sent. It also works across the
+    seam at 0 degrees."""
 
     async def main() -> None:
         rig = await Rig().armed()
@@ -292,7 +293,7 @@ async def served(channel: KinovaStopChannel) -> AsyncIterator[KinovaStopChannel]
 
 
 def wires(rig: Rig, channel: KinovaStopChannel) -> None:
-    """Give it the wire's connection, as the descriptors would."""
+    """Give the channel the wire's connection, as the descriptors would."""
     session = rig.wire.session
     page = Page(session.client.page._memory)
     channel._wires = KortexClient(rig.ports[0], "the wire's", rig.clock, page)
@@ -326,7 +327,7 @@ def test_saf_003_every_base_is_stopped_when_the_wire_is_gone(second: Second) -> 
 
 
 class SlowStream:
-    """A connection on which everything arrives later, in its order."""
+    """A connection on which everything arrives late and in order."""
 
     def __init__(self, port: MemoryPort, late_s: float) -> None:
         self._port = port
@@ -343,7 +344,7 @@ class SlowStream:
             while self._waiting and self._waiting[0][0] <= trio.current_time():
                 data = self._waiting.popleft()[1]
                 if self._port.closed:
-                    list(self._port.peer(data))  # it has left, and arrives all the same
+                    list(self._port.peer(data))  # it has left, and still arrives
                 else:
                     self._port.write(data)
 
@@ -360,7 +361,7 @@ def test_saf_021_speeds_that_wait_on_the_wires_connection_are_not_overtaken_by_a
             nursery.start_soon(slow.deliver)
             client = KortexClient(slow, "the wire's", rig.clock, Page(session.client.page._memory))  # type: ignore[arg-type]
             channel._wires = session.client = client
-            await rig.go(0, STEP_RAD)  # and the wire process ends
+            await rig.go(0, STEP_RAD)  # then the wire process ends
             began_s = trio.current_time()
             reports = await channel.make_safe("stop")
             assert all_safe(reports), reports
@@ -392,7 +393,7 @@ def test_a_question_that_is_still_open_does_not_keep_the_stop_waiting() -> None:
         rig = await Rig().armed()
         async with served(rig.stop_channel()) as channel:
             rig.silent = True
-            await trio.sleep(0.6)  # it waits for the answer to a keep-alive
+            await trio.sleep(0.6)  # it waits for the answer to a keepalive
             rig.silent = False
             rig.told.clear()
             assert all_safe(await channel.make_safe("stop"))
@@ -431,15 +432,15 @@ def test_a_channel_that_is_needed_before_it_is_ready_logs_in_and_stops() -> None
         channel = rig.stop_channel()
         assert all_safe(await channel.make_safe("stop"))
         async with trio.open_nursery() as nursery:
-            await nursery.start(channel.serve)  # cancelled already: returns, having said so
+            await nursery.start(channel.serve)  # it is cancelled already: returns after ``started``
         channel.close()
 
     virtual(main)
 
 
 def test_a_stop_may_be_asked_for_again_and_again() -> None:
-    """The root writes before it fences the wire, is cut off, and writes again; until every joint
-    has confirmed."""
+    """The root writes before it fences the wire, is cancelled, and writes again, until every joint has
+    confirmed."""
 
     async def main() -> None:
         rig = await moving(Rig())

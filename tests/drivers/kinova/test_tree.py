@@ -1,4 +1,4 @@
-"""A Gen3's whole tree on its twin: real processes, real sockets, judged by what the twin heard."""
+"""Test a Gen3's whole tree on its twin: real processes and real sockets. The twin's log decides."""
 
 from __future__ import annotations
 
@@ -22,16 +22,16 @@ from tests.answers import json_of, pids, resumed, state, status, task_ended, unt
 from tests.drivers.common.twin_process import TwinProcess
 from tests.trees import connected, first_safe, is_resumed, made_safe, set_moving, wave
 
-"""On the published bounds, for a busy machine."""
+"""Added to the published bounds, for a busy machine."""
 
 ROLLS_S = 0.1
-"""In which the twin's arm rests after its speeds were taken."""
+"""The twin's arm comes to rest this long after its speeds were set to zero."""
 AXES = [f"joint_{number}" for number in range(1, 8)]
 STEP_RAD = 0.02
 
 
 class Bench:
-    """A twin, and an arm on it."""
+    """A twin with an arm on it."""
 
     def __init__(self, twin: TwinProcess, arm: RealRobot) -> None:
         self.twin = twin
@@ -42,8 +42,7 @@ class Bench:
         return self.arm.send_action({joint: self.arm.get_observation().get(joint, 0.0) + step})
 
     def works(self) -> None:
-        """It moves; on a busy machine after a second try: what was read 75 ms ago is no
-        position."""
+        """Wait until it moves. A busy machine may need a second try: a reading of 75 ms ago does not count."""
 
         def moves() -> bool:
             if self.nudge()["status"] == "success":
@@ -54,11 +53,12 @@ class Bench:
         until(moves, "it moves")
 
     def move(self) -> None:
-        """Have it on its way, by a policy."""
+        """Start a motion by a policy."""
         set_moving(self.arm, self.log, lambda: wave({"joint_1": 0.2}, 0.05), setpoints=20)
 
     def comes_back(self) -> None:
-        """By itself, disarmed; moves only after a resume, from where it is."""
+        """Assert that it reconnects by itself, disarmed, and moves only after a resume, from its present
+        position."""
         back_ns = is_resumed(self.arm, self.log, self.nudge)
         self.works()
         until(lambda: self.log.host("setpoint", back_ns), "a setpoint")
@@ -221,7 +221,7 @@ def test_saf_003_the_stop_channel_stands_before_anything_is_energised(bench: Ben
 
 
 def test_saf_012_frozen_while_it_moves(bench: Bench) -> None:
-    """What was on its way is carried out when it wakes up, and the stop behind it."""
+    """Commands under way are carried out when it wakes up, and then the stop."""
     bench.move()
     bench.twin.process.send_signal(signal.SIGSTOP)
     until(lambda: not status(bench.arm)["connected"], "it is noticed")
@@ -253,7 +253,7 @@ def test_saf_010_a_stop_of_a_frozen_base_is_not_called_success_and_is_carried_ou
 def test_saf_020_unplugged_while_it_moves_the_first_frame_on_the_new_link_is_the_safe_one(
     tmp_path: Path, second: str
 ) -> None:
-    """A base with room for one session has to forget the old one first."""
+    """A base with room for one session has to end the old one first."""
     with bench_of(tmp_path, second=second) as bench:
         bench.move()
         bench.twin.command("unplug")
@@ -319,7 +319,7 @@ def test_saf_012_answers_that_are_late_end_a_motion(bench: Bench) -> None:
 
 
 def test_what_a_killed_wire_leaves_moving_is_stopped_within_the_published_bound(bench: Bench) -> None:
-    """Joint speeds never expire: how far the arm goes is the root's doing."""
+    """Joint speeds never expire. How far the arm goes depends on the root."""
     bench.move()
     until(lambda: arm_velocity(bench) > 0.05, "it is on its way")
     since_ns = time.monotonic_ns()
@@ -332,7 +332,7 @@ def test_what_a_killed_wire_leaves_moving_is_stopped_within_the_published_bound(
 
 
 def arm_velocity(bench: Bench) -> float:
-    """Fastest joint, of the newest feedback that the twin has said."""
+    """Return the velocity of the fastest joint in the twin's newest feedback."""
     for entry in reversed(list(bench.log.entries())):
         if entry.sender == "robot" and entry.kind == "read":
             for frame in Decoder().feed(entry.data):

@@ -1,4 +1,4 @@
-"""The twin as a process, as a client sees it that shares no code with it."""
+"""Test the twin as a process, with a client that shares no code with it."""
 
 from __future__ import annotations
 
@@ -74,7 +74,7 @@ def test_a_clients_day(client: Client, twin: TwinProcess) -> None:
 
 @pytest.mark.long
 def test_joint_speeds_never_expire(client: Client, twin: TwinProcess) -> None:
-    """Not by silence, nor by the end of the session, nor by that of the connection."""
+    """Neither silence nor the end of the session or of the connection ends them."""
     client.send_joint_speeds(5.0)
     time.sleep(1.0)
     assert velocity(client) == pytest.approx(5.0, abs=0.5)

@@ -1,4 +1,4 @@
-"""The Kinova wire on the twin's base, in memory under virtual time."""
+"""Test the Kinova wire on the twin's base, in memory and virtual time."""
 
 from __future__ import annotations
 
@@ -190,7 +190,7 @@ def test_a_stream_is_followed_at_its_speed() -> None:
 
 
 def test_no_speed_is_ever_faster_than_the_gate() -> None:
-    """Whatever is written: what the gates let pass may be further away by the time it leaves."""
+    """This holds for any target: one that passed the gates may be further away when it leaves."""
 
     async def main() -> None:
         rig = await Rig().armed()
@@ -205,7 +205,7 @@ def test_no_speed_is_ever_faster_than_the_gate() -> None:
 
 @pytest.mark.parametrize(("joint", "step"), [(0, -STEP_RAD), (2, STEP_RAD)])
 def test_a_joint_without_end_is_followed_over_its_seam(joint: int, step: float) -> None:
-    """From 0 degrees to 359, and from half a turn on, where the sign would change."""
+    """The joint goes from 0 degrees to 359, and beyond half a turn, where the sign would change."""
 
     async def main() -> None:
         rig = await Rig().armed()
@@ -326,7 +326,7 @@ def test_saf_012_a_base_that_is_not_heard_is_stopped_and_not_commanded() -> None
 
 
 def test_saf_012_feedback_that_stands_still_is_no_life_and_nothing_is_corrected_by_it() -> None:
-    """The base answers and its arm obeys: what is never seen to get there would be sent on for ever."""
+    """The base answers and its arm obeys. A target whose arrival is never seen would be sent for ever."""
 
     async def main() -> None:
         rig = await Rig().armed()
@@ -439,8 +439,7 @@ def test_every_third_answer_is_missing_and_all_goes_on() -> None:
 
 
 def test_of_answers_that_are_damaged_no_position_is_believed_and_the_stop_leaves() -> None:
-    """A frame has no checksum: damage to its last byte is a damaged fault bank, and stands there as
-    one."""
+    """A frame has no checksum. Damage to its last byte reads as a different fault bank."""
 
     async def main() -> None:
         rig = await Rig().armed()

@@ -1,8 +1,7 @@
-"""An FRI client of its own, written from the field numbers: it shares no line with the driver or
-the twin's codec.
+"""An independent FRI client, written from the field numbers. It shares no code with driver or twin.
 
-It answers every cycle, mirrors when it is asked to, and then moves towards a goal by at most so
-much a cycle.
+It answers every cycle. It mirrors the position when asked to, and otherwise moves towards a goal by a limited
+step per cycle.
 """
 
 from __future__ import annotations
@@ -28,7 +27,7 @@ def varint(number: int) -> bytes:
 
 
 def parse(data: bytes) -> dict[int, list[Any]]:
-    """Field number to its values: ints, floats of 64 bits, or bytes."""
+    """Return the values of each field number: ints, 64-bit floats, or bytes."""
     fields: dict[int, list[Any]] = {}
     at = 0
 
@@ -61,7 +60,7 @@ def parse(data: bytes) -> dict[int, list[Any]]:
 
 
 def joints(field: bytes) -> list[float]:
-    """Repeated doubles in field 1, packed or not."""
+    """Return the repeated doubles in field 1, packed or not."""
     values = parse(field).get(1, [])
     if values and isinstance(values[0], bytes):
         return list(struct.unpack(f"<{len(values[0]) // 8}d", values[0]))
@@ -80,8 +79,11 @@ def answer(sequence: int, reflected: int, position: Sequence[float] = ()) -> byt
 
 
 class Client:
-    """``port``: of both ends. It answers whoever speaks. Within its block the thread runs first,
-    where the system permits that: 22 ms without a turn end a session of 2 ms."""
+    """Answer every sender at ``port``, which both ends use.
+
+    Within the block the thread gets real-time priority if the system permits it. At 2 ms, 22 ms without a
+    processor end a session.
+    """
 
     def __init__(self, port: int) -> None:
         self.sock = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
@@ -94,7 +96,7 @@ class Client:
         self._sequence = 0
 
     def cycle(self, goal: Sequence[float] = (), step_rad: float = 0.0) -> int:
-        """Answer one message; the session's state."""
+        """Answer one message, and return the session's state."""
         data, peer = self.sock.recvfrom(4096)
         said = parse(data)
         header, connection = parse(said[1][0]), parse(said[4][0])

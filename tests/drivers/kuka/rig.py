@@ -27,14 +27,14 @@ from strands_actors.testing.wirelog import Entry
 PATIENCE_S = 20.0
 
 TTL_S = 0.1
-"""A setpoint that is not re-sent for so long has ended."""
+"""A setpoint that is not re-sent for this time has ended."""
 
 SLACK_S = 0.4
 """For a busy machine."""
 
 
 class Permit:
-    """May be taken away."""
+    """A permit that the test can withdraw."""
 
     def __init__(self) -> None:
         self.denied = False
@@ -63,7 +63,7 @@ class Rig:
         self._ended.set()
 
     async def connect(self) -> None:
-        """As the transport does, up to an active session."""
+        """Connect as the transport does, up to an active session."""
         await self.wire.open()
         self._serving = trio.CancelScope()
         await self._nursery.start(self._serve)
@@ -77,13 +77,12 @@ class Rig:
         self._ended.set()
 
     async def lose(self) -> None:
-        """As the transport does with a link that is lost: the wire stays open for a safe state that
-        is owed."""
+        """Lose the link as the transport does. The wire stays open for an unconfirmed safe state."""
         self._serving.cancel()
         await self._ended.wait()
 
     async def stop_channel(self) -> KukaStopChannel:
-        """End the wire as its process would; the root's channel with its duplicate."""
+        """End the wire as its process would. Return the root's channel, which has a duplicate of the socket."""
         fd = os.dup(self.wire.handover()[0])
         await self.release()
         return KukaStopChannel(self.driver.config, (fd,), self.clock)
@@ -94,13 +93,13 @@ class Rig:
         self.driver.kept.release()
 
     async def write(self, rad: float) -> None:
-        """Aim joint1 so far from where it is told to be."""
+        """Aim joint1 this far from its commanded position."""
         target = list(self.controller.commanded)
         target[0] += rad
         await self.wire.write((*target, 0.02), self.permit)
 
     async def moving(self, setpoints: int) -> None:
-        """Move joint1 until so many answers have shown it."""
+        """Move joint1 until this number of answers has shown it."""
         target = [*self.controller.commanded]
         target[0] += 1.0
         with trio.fail_after(PATIENCE_S):
@@ -114,7 +113,7 @@ class Rig:
                 await trio.sleep(0.002)
 
     async def hears(self, state: State, within_s: float = PATIENCE_S) -> None:
-        """The wire has been told so: the controller knows it earlier."""
+        """Wait until the wire has received this state. The controller is in it earlier."""
         with trio.fail_after(within_s):
             while (await self.wire.read()).sensors["fri_state"] != (float(state),):  # noqa: ASYNC110
                 await trio.sleep(0.002)
@@ -148,7 +147,7 @@ def on_a_twin(
                 server.close()
                 nursery.cancel_scope.cancel()
 
-    run_first(WIRE_PRIORITY)  # where the system permits it: a hundred cycles in a row are to be answered in time
+    run_first(WIRE_PRIORITY)  # if the system permits it, since the test must answer a hundred cycles in time
     try:
         trio.run(main)
     finally:

@@ -1,6 +1,8 @@
-"""What it takes until an arm is called held: measured positions that stand, and, where the arm
-follows our answers, a controller that says it has taken one which holds. A controller in memory, in
-virtual time."""
+"""Test what confirms a hold: measured positions that stand still.
+
+If the arm follows our answers, the controller must also report that it has taken a holding one. The controller
+is in memory, in virtual time.
+"""
 
 from __future__ import annotations
 
@@ -39,12 +41,11 @@ Path = Callable[[float], float]
 
 
 class Controller:
-    """A port, and what speaks at its other end. ``path``: where joint2 is by the second, off the
-    others."""
+    """A port with a controller at its other end. ``path`` is the offset of joint2 over time in seconds."""
 
     def __init__(self, path: Path = lambda t_s: 0.0, *, arrives: bool = True, **said: Any) -> None:
         self.path = path
-        self.arrives = arrives  # whether our answers do
+        self.arrives = arrives  # True if our answers arrive
         self.heard: list[int] = []  # numbers of the answers that arrived
         facts = {"state": State.COMMANDING_ACTIVE, "drives": ON, "quality": 3, "reflected": 7, **said}
         self.said = Monitoring(0, commanded=HERE, interpolated=HERE, sample_ms=5, client_mode=1, **facts)
@@ -74,7 +75,7 @@ def port(controller: Controller) -> UdpListener:
 
 
 def held_by_the_root(controller: Controller) -> tuple[MotorReport, ...]:
-    """Answer as the stop channel does."""
+    """Stop as the stop channel does, and return the reports."""
     told: list[tuple[MotorReport, ...] | None] = []
 
     async def test() -> None:
@@ -91,7 +92,7 @@ def test_saf_005_an_arm_that_stands_and_whose_controller_takes_our_answers_is_he
 
 
 def test_saf_005_answers_that_were_only_sent_hold_nothing() -> None:
-    """One way of the link is cut: the controller speaks, and has heard no answer."""
+    """The link is cut in one direction: the controller sends, but receives no answer."""
     reports = held_by_the_root(Controller(arrives=False))
     assert not any(report.safe or report.acknowledged for report in reports)
     assert reports[0].written and reports[0].detail == "the controller has taken none of our answers"
@@ -99,7 +100,7 @@ def test_saf_005_answers_that_were_only_sent_hold_nothing() -> None:
 
 @pytest.mark.parametrize("takes", [False, True])
 def test_saf_005_a_setpoint_that_was_taken_is_no_hold(takes: bool) -> None:
-    """The number reflected is of the answer before the stop, for as long as the holds are lost."""
+    """As long as the holds are lost, the controller reflects the number of an answer from before the stop."""
 
     async def test() -> None:
         controller, clock = Controller(), VirtualClock()
@@ -140,7 +141,7 @@ MOVES = {
     ids=str,
 )
 def test_saf_005_a_session_that_does_not_command_is_no_proof_of_a_stand(path: Path, said: dict[str, Any]) -> None:
-    """What a robot does in a stop of its own is not known: a joint whose drive is off may fall."""
+    """It is unknown what a robot does in its own stop. A joint without power may fall."""
     reports = held_by_the_root(Controller(path, **said))
     assert not any(report.safe for report in reports)
     assert reports[0].written and reports[0].acknowledged, "it is heard"
@@ -166,7 +167,7 @@ def test_a_session_that_only_monitors_is_held_once_it_is_seen_to_stand(said: dic
 
 
 def test_a_controller_that_names_no_answer_while_it_monitors_is_not_called_acknowledged() -> None:
-    """Whether it does is not known; that the arm stands is measured all the same."""
+    """It is unknown whether a controller does so. The measurement still shows that the arm stands."""
     reports = held_by_the_root(Controller(arrives=False, state=State.MONITORING_READY))
     assert all_safe(reports) and not reports[0].acknowledged
 
@@ -177,7 +178,7 @@ def test_numbers_that_wrap_are_compared_as_such() -> None:
 
 
 def test_saf_022_a_session_that_is_commanded_is_joined_when_its_numbers_go_on() -> None:
-    """Not by one message, which may be an old one: its position would be a jump."""
+    """One message is not enough. It may be an old one, with a position from which the arm would jump."""
 
     async def test() -> None:
         controller = Controller()

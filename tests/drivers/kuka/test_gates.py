@@ -1,5 +1,4 @@
-"""What is refused before it reaches the arm: each gate and condition with its code, and what would
-be accepted."""
+"""Test which commands are refused before they reach the arm: each gate and condition with its code and remedy."""
 
 from __future__ import annotations
 
@@ -19,7 +18,7 @@ KUKA = Kuka("kuka_iiwa", "", {})
 NOW_NS = 10**12
 HERE = (0.0, 0.5, 0.0, -1.2, 0.0, 0.9, 0.0)
 TOLD = (0.003, *HERE[1:])
-"""What the arm is told to hold: not quite where it is."""
+"""The commanded hold position, which differs a little from the measured one."""
 
 FINE: dict[str, Any] = {
     "drives": (2,) * 7,
@@ -44,7 +43,7 @@ def answer(
     period_s: float = 0.0,
     target_ns: int = 0,
 ) -> Candidate | Refused:
-    """As the gate asks."""
+    """Judge an action as the gate does."""
     observation = observation or seen()
     for condition in KUKA.conditions:
         refusal = condition.check(observation, NOW_NS)
@@ -99,7 +98,7 @@ def test_saf_014_a_robot_that_may_not_be_commanded_is_not(said: dict[str, Any], 
 
 
 def test_saf_014_the_reason_is_named_before_what_it_leads_to() -> None:
-    """A safety stop ends the session as well."""
+    """A safety stop ends the session as well, so the safety stop has to be named."""
     stopped = seen(safety=1, drives=(0,) * 7, state=State.MONITORING_READY, client_mode=0, overlay=0, quality=0)
     assert refused({"joint1": 0.0}, stopped).code == "safety"
 
@@ -177,8 +176,7 @@ def test_saf_014_names_and_numbers(action: dict[str, Any], code: str) -> None:
 
 
 def test_saf_019_a_joint_that_is_not_named_keeps_what_it_is_told() -> None:
-    """Of a hold that is older than what was read since: the robot's own program may have moved the
-    arm."""
+    """A hold from before the newest reading does not count: the robot's own program may have moved the arm."""
     assert accepted({"joint2": 0.51}).values[:7] == (TOLD[0], 0.51, *TOLD[2:])
     held = (0.2, *HERE[1:])
     assert accepted({"joint2": 0.51}, target=held, target_ns=NOW_NS).values[:7] == (0.2, 0.51, *HERE[2:])

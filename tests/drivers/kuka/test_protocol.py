@@ -1,5 +1,4 @@
-"""The FRI codec: both spellings of a list are read, and nothing but ``MalformedFrame`` comes of
-noise."""
+"""Test the FRI codec: it reads both encodings of a list, and noise raises only ``MalformedFrame``."""
 
 from __future__ import annotations
 
@@ -54,7 +53,7 @@ def test_an_answer_is_read_back(sequence: int, reflected: int, radians: tuple[fl
 
 
 def test_an_answer_byte_by_byte() -> None:
-    """As the sheet has it: header, positions one field each, and the end with the length of what is
+    """The layout of the data sheet: header, one field per position, and the end with the length of the part
     before it."""
     header = bytes.fromhex("0a08 0881800d 1003 1807")
     doubles = b"".join(b"\x09" + struct.pack("<d", 0.5) for _ in range(7))
@@ -70,7 +69,7 @@ def test_numbers_that_no_table_names_are_shown_as_they_are() -> None:
 
 
 def without(number: int) -> bytes:
-    """The message, one of its parts missing."""
+    """Return the message without one of its parts."""
     kept = pb.fields(p.encode_monitoring(SAID))
     return b"".join(pb.bytes_field(at, value) for at, _, value in kept if at != number and isinstance(value, bytes))
 
@@ -103,7 +102,7 @@ def test_what_is_no_monitoring_message_is_refused_by_name(data: bytes, why: str)
 
 
 def disturbed(chance: random.Random, data: bytes) -> bytes:
-    """One of the ways in which a datagram goes wrong."""
+    """Return a datagram that is damaged in one of several ways."""
     noisy = bytearray(data)
     match chance.randrange(5):
         case 0:
@@ -123,7 +122,7 @@ def disturbed(chance: random.Random, data: bytes) -> bytes:
 
 
 def test_of_disturbed_frames_comes_a_message_or_the_codecs_own_error() -> None:
-    """And whatever is understood can be used: joints are seven finite numbers."""
+    """A decoded message is usable: its joints are seven finite numbers."""
     chance = random.Random(30200)
     frames = [p.encode_monitoring(SAID, packed) for packed in (False, True)]
     frames.append(p.encode_command(p.Command(3, 7, (0.5,) * 7)))

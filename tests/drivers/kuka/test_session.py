@@ -1,4 +1,4 @@
-"""The client's side of a session: what is answered to what is said, cycle by cycle."""
+"""Test the client's side of a session: the answer to each message, cycle by cycle."""
 
 from __future__ import annotations
 
@@ -24,14 +24,14 @@ def off(position: Row, joint: int, rad: float) -> Row:
 
 
 class Controller:
-    """What an active session says: it takes every answer that it is given."""
+    """The messages of an active session whose controller takes every answer that arrives."""
 
     def __init__(self, sample_ms: int = 5, state: int = State.COMMANDING_ACTIVE, sequence: int = 0) -> None:
         self.session = FriSession(SPEED)
         self.said = Monitoring(sequence, commanded=HERE, interpolated=HERE, state=state, sample_ms=sample_ms)
 
     def cycle(self, arrives: bool = True) -> Row:
-        """One message and its answer; the answered position."""
+        """Exchange one message and its answer. Return the answered position."""
         answer = self.session.answer(self.said)
         assert answer.reflected == self.said.sequence
         self.said = replace(self.said, sequence=(self.said.sequence + 1) & COUNTER)
@@ -54,7 +54,7 @@ def test_saf_011_the_first_command_is_what_was_mirrored() -> None:
     controller = Controller(state=State.COMMANDING_WAIT)
     mirrored = [controller.cycle() for _ in range(20)]
     controller.enter(State.COMMANDING_ACTIVE)
-    controller.said = replace(controller.said, position=off(HERE, 0, 0.01))  # what is measured is no command
+    controller.said = replace(controller.said, position=off(HERE, 0, 0.01))  # a measured position is no command
     assert {*mirrored, controller.cycle(), controller.cycle()} == {HERE}
 
 
@@ -84,7 +84,7 @@ def test_a_step_is_spread_over_its_period(sample_ms: int) -> None:
 
 @pytest.mark.parametrize("sample_ms", [2, 5, 10])
 def test_no_cycle_steps_further_than_the_joint_turns_in_it(sample_ms: int) -> None:
-    """However far the goal is, and however short its period."""
+    """The step limit holds however far the goal is, and however short its period."""
     controller = Controller(sample_ms)
     controller.session.aim((1.0,) * JOINTS, 0.001)
     before = HERE
@@ -106,8 +106,8 @@ def test_while_a_setpoint_lives_no_two_answers_are_alike_and_the_arm_stays() -> 
 
 @given(st.lists(st.booleans(), min_size=2, max_size=60), st.sampled_from([0.0, 0.02, 1.0]))
 def test_nor_are_two_that_are_heard_alike_when_some_are_lost_or_late(taken: list[bool], way: float) -> None:
-    """The one before was heard, or the one that was taken last: no answer of a setpoint looks like
-    a hold."""
+    """The controller has taken the previous answer, or only an older one. The answer to a setpoint never looks
+    like a hold."""
     controller = Controller()
     controller.session.aim(off(HERE, 0, way), 0.02)
     before = HERE
@@ -119,7 +119,7 @@ def test_nor_are_two_that_are_heard_alike_when_some_are_lost_or_late(taken: list
 
 
 def test_the_same_goal_again_changes_nothing() -> None:
-    """A re-send: the step was spread when it was given."""
+    """A re-send does not spread the step again. It was spread when it was given."""
     once, again = Controller(), Controller()
     goal = off(HERE, 0, 0.02)
     once.session.aim(goal, 0.02)
@@ -132,8 +132,7 @@ def test_the_same_goal_again_changes_nothing() -> None:
 
 @given(st.lists(st.booleans(), min_size=1, max_size=120), st.sampled_from([2, 5, 10]))
 def test_of_answers_that_are_lost_no_jump_comes(arrived: list[bool], sample_ms: int) -> None:
-    """From what the controller has taken to what it takes next is one cycle's step at most, a hold
-    included."""
+    """Between two answers that the controller takes lies at most one cycle's step, also for a hold."""
     controller = Controller(sample_ms)
     controller.session.aim((2.0,) * JOINTS, 0.02)
     for number, arrives in enumerate(arrived):
@@ -187,7 +186,7 @@ def test_a_receive_multiplier_is_answered_every_so_many_messages() -> None:
 
 
 def test_own_numbers_go_on_from_what_the_controller_has_taken() -> None:
-    """So the stop channel takes over: it hears the sequence itself."""
+    """The stop channel takes over in this way: it reads the sequence from the messages."""
     controller = Controller()
     controller.said = replace(controller.said, reflected=41)
     assert controller.session.answer(controller.said).sequence == 42

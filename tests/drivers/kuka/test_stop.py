@@ -1,4 +1,4 @@
-"""What stops it, on the twin's wire in this process: a link that is lost, and the stop channel."""
+"""Test what stops the arm, on the twin's wire in this process: a lost link, and the stop channel."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def test_saf_012_silence_is_a_lost_link_and_the_port_stays_ours(tmp_path: Path) 
             while True:
                 assert await rig.wire.read() == last
                 await trio.sleep(0.01)
-        fd = os.dup(rig.wire.handover()[0])  # as the root has it
+        fd = os.dup(rig.wire.handover()[0])  # the descriptor that the root has
         try:
             await rig.lose()
             rig.server.plug()
@@ -44,11 +44,11 @@ def test_saf_020_a_lost_link_is_written_to_unasked_and_answered_when_it_is_back(
     async def test(rig: Rig) -> None:
         await rig.connect()
         await rig.moving(3)
-        rig.server.set_fault("off")  # it says nothing more
+        rig.server.set_fault("off")  # the controller sends nothing more
         await trio.sleep(0.05)
         await rig.lose()
         last = [entry for entry in rig.log.entries() if entry.sender == "host"][-1]
-        rig.server.set_fault("delayed")  # it hears, and what it says comes late
+        rig.server.set_fault("delayed")  # the controller receives, and its messages come late
         lost_ns = time.monotonic_ns()
         reports = await rig.wire.reach("hold")
         assert reports[0].written
@@ -87,12 +87,12 @@ def test_saf_020_the_stop_channel_opens_a_socket_of_its_own_when_it_was_given_no
 
 
 def test_saf_005_a_stop_that_nobody_asks_for_is_sent_and_is_not_confirmed(tmp_path: Path) -> None:
-    """The controller hears and is not heard: who is not heard may hear."""
+    """The controller receives but its messages do not arrive. A silent peer may still receive."""
 
     async def test(rig: Rig) -> None:
         await rig.connect()
         await rig.moving(3)
-        rig.server.set_fault("delayed")  # what it says comes later than anything waits
+        rig.server.set_fault("delayed")  # its messages come later than any wait lasts
         await trio.sleep(0.03)
         began_ns = time.monotonic_ns()
         async with trio.open_nursery() as nursery:
@@ -110,7 +110,7 @@ def test_saf_005_a_stop_that_nobody_asks_for_is_sent_and_is_not_confirmed(tmp_pa
 def test_saf_005_an_arm_that_goes_on_moving_is_not_called_safe(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """It takes the answers and does something else."""
+    """It takes the answers, but moves otherwise."""
 
     async def test(rig: Rig) -> None:
         await rig.connect()
@@ -164,7 +164,7 @@ def test_saf_003_the_root_answers_in_the_wires_place_and_moves_nothing(tmp_path:
 
 
 def test_saf_003_what_waited_while_the_wire_was_frozen_is_not_answered(tmp_path: Path) -> None:
-    """Only the newest message is: the others are over, and their positions old."""
+    """Only the newest message is answered. The cycles of the others are over, and their positions are old."""
 
     async def test(rig: Rig) -> None:
         await rig.connect()
@@ -185,7 +185,7 @@ def test_saf_003_what_waited_while_the_wire_was_frozen_is_not_answered(tmp_path:
 
 
 def test_the_root_does_not_answer_a_stranger_in_its_place(tmp_path: Path) -> None:
-    """It spoke at the same port before the controller did."""
+    """The foreign sender used the same port before the controller did."""
 
     async def test(rig: Rig) -> None:
         await rig.connect()

@@ -1,4 +1,4 @@
-"""A KUKA arm on the real tree: real processes, the twin's FRI session. Judged by the twin's log."""
+"""Test a KUKA arm with its real tree: real processes, and the twin's FRI session. The twin's log decides."""
 
 from __future__ import annotations
 
@@ -28,11 +28,11 @@ from tests.trees import armed, made_safe, wave
 
 AXES = [f"joint{number}" for number in range(1, JOINTS + 1)]
 PROGRAM = "from strands_actors.surfaces.cli import main; main()"
-"""On the published bounds, for a busy machine."""
+"""Added to the published bounds, for a busy machine."""
 
 
 class Arm:
-    """A robot that is connected and armed, its twin, and the twin's log."""
+    """A connected and armed robot, its twin, and the twin's log."""
 
     def __init__(self, robot: RealRobot, twin: TwinProcess) -> None:
         self.robot = robot
@@ -40,7 +40,7 @@ class Arm:
         self.log = WireLog(twin.log_path)
 
     def nudge(self, joint: str = "joint1", rad: float = 0.01) -> Mapping[str, Any]:
-        """A step from where the joint is."""
+        """Send a small step from the joint's commanded position."""
         answer: Mapping[str, Any] = self.robot.send_action({joint: self.told(joint) + rad})
         return answer
 
@@ -56,7 +56,7 @@ class Arm:
         until(lambda: self.nudge(rad=0.0)["status"] == "success", "it may be commanded")
 
     def roll_out(self) -> None:
-        """A policy that moves joint1; a busy machine may end it before it has begun."""
+        """Run a policy that moves joint1. Start it again if a busy machine ends it early."""
 
         def runs() -> bool:
             if not task(self.robot)["running"]:
@@ -70,12 +70,12 @@ class Arm:
         until(runs, "it moves")
 
     def sessions(self, since_ns: int = 0) -> list[str]:
-        """What became of the session: its states, each with why."""
+        """Return the session's states, each with its reason."""
         entries = self.log.entries(since_ns)
         return [entry.data.decode() for entry in entries if entry.kind == "session"]
 
     def comes_back(self) -> None:
-        """By itself, disarmed; moves only after a resume."""
+        """Assert that the robot reconnects by itself, disarmed, and moves only after a resume."""
         until(lambda: state(self.robot) == "disarmed", "it is back, disarmed")
         until(lambda: not task(self.robot)["running"], "the rollout has ended")
         back_ns = time.monotonic_ns()
@@ -199,19 +199,18 @@ def test_1_ms_is_refused_at_connect_by_name(tmp_path: Path) -> None:
 def test_saf_003_a_robot_that_may_not_be_commanded_any_more_ends_what_stands(
     tmp_path: Path, order: str, undo: str, code: str, text: str
 ) -> None:
-    """Nobody sends a setpoint that could be refused: the tree notices, holds and says why; nothing
-    goes on when it is lifted."""
+    """No setpoint arrives that could be refused. The tree notices the fault, holds and gives the reason. No
+    motion continues when the fault is lifted."""
     with arm(tmp_path) as iiwa:
         iiwa.roll_out()
         ordered_ns = time.monotonic_ns()
         iiwa.twin.command(order)
         ended = task_ended(iiwa.robot)
-        # Which of the two notices first is chance: the setpoint that is refused, or the tick that
-        # looks.
+        # Either the refused setpoint or the watchdog's tick may notice it first.
         until(lambda: state(iiwa.robot) in ("holding", "disarmed"), "it is held")
         assert text.partition(". ")[0] in f"{ended['exit_detail']}, {status(iiwa.robot)['cause']}"
         made_safe(iiwa.log, ordered_ns)
-        refusal = iiwa.robot.resume()  # of a robot that holds; one that was disarmed is armed anew
+        refusal = iiwa.robot.resume()  # a holding robot is refused; a disarmed one is armed again
         if refusal["status"] == "success":
             refusal = iiwa.robot.send_action({"joint1": iiwa.told()})
         assert text in why(refusal)
@@ -241,7 +240,7 @@ def test_saf_003_a_stall_of_31_ms_ends_the_motion_and_the_session_comes_back(
         until(lambda: state(iiwa.robot) in ("holding", "disarmed"), "it is held")
         iiwa.log.no_setpoint_after_safe(stalled_ns)
         lost = [line for line in iiwa.sessions(stalled_ns) if line == "MONITORING_WAIT: no answers"]
-        assert bool(lost) >= dropped  # a stall may last longer than it was meant to
+        assert bool(lost) >= dropped  # a stall may last longer than intended
         ended_ns = time.monotonic_ns()
         until(lambda: status(iiwa.robot)["sensors"]["fri_quality"] >= [2.0], "the connection is good again")
         time.sleep(0.2)
@@ -254,8 +253,8 @@ def test_saf_003_a_stall_of_31_ms_ends_the_motion_and_the_session_comes_back(
 def test_saf_003_the_wire_process_dies_or_freezes_and_the_root_answers(
     tmp_path: Path, fault: signal.Signals
 ) -> None:
-    """At 10 ms a session outlives 100 ms of silence just so: then the root goes on where the wire
-    was; one that was dropped is only monitored."""
+    """At 10 ms a session barely survives 100 ms of silence. The root then continues from the wire's last
+    position. A session that was dropped is only monitored."""
     with arm(tmp_path, {"sample_ms": 10}) as iiwa:
         iiwa.roll_out()
         began_ns = time.monotonic_ns()
@@ -281,7 +280,7 @@ def test_when_all_of_us_are_gone_the_session_ends_and_the_arm_is_held(tmp_path: 
 
 
 def test_saf_019_a_hold_moves_no_joint_nor_does_what_is_sent_to_another_after_it(tmp_path: Path) -> None:
-    """Where the arm was measured lags behind what it is told: that is what it is held at."""
+    """The measured position lags behind the commanded one. The hold uses the commanded position."""
     with arm(tmp_path) as iiwa:
         iiwa.roll_out()
         until(lambda: abs(iiwa.told() - iiwa.robot.get_observation()["joint1"]) > 0.001, "it lags behind")
@@ -298,7 +297,7 @@ def test_saf_019_a_hold_moves_no_joint_nor_does_what_is_sent_to_another_after_it
 
 @pytest.mark.long
 def test_saf_004_a_script_that_is_stopped_is_held_and_its_session_goes_on(tmp_path: Path) -> None:
-    """A latched target lives as long as its caller does."""
+    """A latched target lives as long as its caller."""
     program = (
         "import sys, time; from strands_actors import Robot\n"
         "robot = Robot('kuka_iiwa', mode='real', port=sys.argv[1]); robot.connect_eagerly()\n"

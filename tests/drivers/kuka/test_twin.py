@@ -1,4 +1,4 @@
-"""The twin's FRI session, cycle by cycle; and an independent client on its wire."""
+"""Test the twin's FRI session cycle by cycle, and an independent client on its wire."""
 
 from __future__ import annotations
 
@@ -21,8 +21,7 @@ ARM = arm_of("kuka_iiwa")
 
 
 class Peer:
-    """A client in virtual time, cycle by cycle: it answers as it should, unless it is told
-    otherwise."""
+    """A client in virtual time that answers each cycle correctly unless a test changes that."""
 
     def __init__(self, sample_ms: int = 5, multiplier: int = 1) -> None:
         self.now_s = 0.0
@@ -48,7 +47,7 @@ class Peer:
         return self.listen()
 
     def until(self, reached: Callable[[Monitoring], bool], at_most: int = 400) -> int:
-        """How many answers it took."""
+        """Answer until the condition holds. Return the number of answers."""
         for count in range(at_most):
             if reached(self.said):
                 return count
@@ -122,7 +121,7 @@ def test_a_stall_of_31_ms_costs_the_quality_and_at_2_ms_the_session(sample_ms: i
         peer.listen()
     assert peer.said.state == state
     assert peer.said.quality == (Quality.EXCELLENT if sample_ms == 10 else Quality.POOR)
-    peer.active()  # and it comes back
+    peer.active()  # the session recovers
 
 
 def test_the_arm_follows_what_it_is_told_and_stands_when_it_is_told_the_same() -> None:
@@ -215,8 +214,8 @@ def test_an_independent_client_becomes_active_and_moves(
             while abs(client.measured[0] - goal[0]) > 0.005:
                 assert time.monotonic() < deadline_s, client.states
                 if client.cycle(goal, 0.001 * sample_ms) != State.COMMANDING_ACTIVE:
-                    # A machine that paused: the session was lost, or two answers came in one cycle
-                    # and were too large a step, which only the pendant forgives.
+                    # The machine paused. Either the session was lost, or two answers in one cycle made too
+                    # large a step. After the latter only the pendant can resume.
                     twin.command("motion start")
                     client.until(State.COMMANDING_ACTIVE)
         log = WireLog(tmp_path / "wire.ndjson")

@@ -1,4 +1,4 @@
-"""The wire on the twin's, in this process: what is answered, and when."""
+"""Test the wire on the twin's, in this process: its answers and their times."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from .rig import PATIENCE_S, SLACK_S, TTL_S, Rig, all_safe, free_port, on_a_twin
 
 
 def test_saf_004_a_setpoint_that_nobody_re_sends_ends(tmp_path: Path) -> None:
-    """Gate or watchdog are frozen: the wire goes on answering, and moves the arm no more."""
+    """Gate or watchdog are frozen. The wire goes on answering, but stops moving the arm."""
 
     async def test(rig: Rig) -> None:
         await rig.connect()
@@ -99,7 +99,7 @@ def test_a_target_is_refused_while_the_session_is_not_active(tmp_path: Path) -> 
 
 @pytest.mark.parametrize("sample_ms", [2, 5, 10])
 def test_a_motion_at_full_speed_is_taken_whole_by_the_controller(tmp_path: Path, sample_ms: int) -> None:
-    """It would abort at a step past speed x sample time."""
+    """The controller would abort at a step larger than speed x sample time."""
 
     async def test(rig: Rig) -> None:
         await rig.connect()
@@ -131,7 +131,7 @@ def test_a_cycle_that_cannot_be_kept_is_refused_by_name(tmp_path: Path, sample_m
 
 
 def test_a_session_that_gets_too_quick_is_refused_before_it_is_answered(tmp_path: Path) -> None:
-    """Sample time 0 would be no time to move in, a huge one a jump."""
+    """A sample time of 0 leaves no time to move. A huge one would allow a jump."""
 
     async def test(rig: Rig) -> None:
         await rig.wire.open()

@@ -1,4 +1,4 @@
-"""What the tests of the whole tree share: a twin with a duck that is driven, and what it heard."""
+"""Shared by the tests of the whole tree: a twin with a duck that is driven, and the twin's log."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from strands_actors.testing.wirelog import Entry
 from tests.answers import json_of, until
 from tests.trees import armed
 
-"""On the published bounds, for a busy machine."""
+"""Added to the published bounds, for a busy machine."""
 
 
 def method(entry: Entry) -> str:
@@ -30,7 +30,7 @@ def moves(twin: Twin, since_ns: int) -> list[Entry]:
 
 
 def act(duck: RealRobot, twin: Twin, **action: Any) -> int:
-    """Send it to a duck that is driven, and see it on the wire; when."""
+    """Send an action to a driven duck and wait until it is on the wire. Return when it was sent."""
     armed(duck)
     json_of(duck.service("enable"))
     began_ns = time.monotonic_ns()

@@ -1,6 +1,5 @@
-"""In the place of ``ssh -N -L``: sockets here, each connection handed on to what
-``SSH_STANDIN_ROBOTD`` and ``SSH_STANDIN_TOFD`` name. What it was called with, and by whom, goes to
-``SSH_STANDIN_LOG``."""
+"""Stand-in for ``ssh -N -L``: it listens here and forwards each connection to the address in
+``SSH_STANDIN_ROBOTD`` or ``SSH_STANDIN_TOFD``. It writes its arguments and its parent to ``SSH_STANDIN_LOG``."""
 
 from __future__ import annotations
 

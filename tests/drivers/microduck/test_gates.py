@@ -1,4 +1,4 @@
-"""What is refused before it reaches robotd, and what an action becomes."""
+"""Test which commands are refused before they reach robotd, and the values of accepted actions."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def answer(
     target: dict[str, float] | None = None,
     live: Live | None = None,
 ) -> Candidate | Refused:
-    """As the gate asks."""
+    """Judge an action as the gate does."""
     driver = duck()
     row = tuple((target or {}).get(key, 0.0) for key in driver.axes)
     t_ns = NOW_NS - age_ns

@@ -1,4 +1,4 @@
-"""What is said to robotd, to the byte; and no exception but the codec's own, whatever comes."""
+"""Test the exact bytes to robotd, and that any input raises only the codec's own error."""
 
 from __future__ import annotations
 
@@ -104,7 +104,7 @@ def test_lines_in_any_pieces_and_never_more_than_the_longest() -> None:
 
 
 def test_disturbed_answers_raise_nothing_but_the_codecs_own() -> None:
-    """``STRANDS_ACTORS_FUZZ`` says how many."""
+    """``STRANDS_ACTORS_FUZZ`` is their number."""
     chance = random.Random(22)
     lines = [rpc.encode_result(1, value) for _, value in READERS] + [rpc.encode_notification(p.STATE, STATE)]
     decoder, taken = rpc.LineDecoder(), 0

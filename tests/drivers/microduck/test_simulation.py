@@ -1,4 +1,4 @@
-"""Its simulation walks."""
+"""Test that the simulation walks."""
 
 from __future__ import annotations
 

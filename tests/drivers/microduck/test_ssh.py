@@ -1,5 +1,5 @@
-"""A duck on another host: the system's ssh forwards its socket, as a child of each process that
-needs it. Here a stand-in for ssh hands on to the twin."""
+"""Test a duck on another host: the system's ssh forwards its socket, as a child of each process that needs it.
+Here a stand-in for ssh connects to the twin."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ from .rig import act
 
 @pytest.fixture
 def log(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """Where the stand-in writes how it was called. It is found as ``ssh``."""
+    """Return the file in which the stand-in logs its calls. The stand-in is found as ``ssh``."""
     folder = tmp_path / "bin"
     folder.mkdir()
     program = folder / "ssh"
@@ -53,7 +53,7 @@ def calls(log: Path) -> list[dict[str, Any]]:
 
 
 def runs(number: int) -> bool:
-    """Whether a process is there and has not ended."""
+    """Return True if the process exists and has not ended."""
     try:
         return Path(f"/proc/{number}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
     except FileNotFoundError:

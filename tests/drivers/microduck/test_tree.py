@@ -1,4 +1,4 @@
-"""The duck's whole tree on its twin: real processes, real sockets, judged by what the twin heard."""
+"""Test the duck's whole tree on its twin: real processes and real sockets. The twin's log decides."""
 
 from __future__ import annotations
 
@@ -125,7 +125,7 @@ def test_saf_005_a_duck_that_reports_a_twist_is_not_reported_as_stopped(duck: Re
 
 @pytest.mark.long
 def test_saf_010_a_twist_that_waits_in_a_stopped_robotd_is_followed_by_a_stop(duck: RealRobot, twin: Twin) -> None:
-    """robotd is stopped, a twist is handed to its socket, the caller stops, robotd goes on."""
+    """robotd is stopped with a twist in its socket. The caller stops, then robotd continues."""
     act(duck, twin, vx=0.1, duration=10)
     twin.pause()
     duck.send_action({"vx": 0.3, "duration": 10})
@@ -145,7 +145,7 @@ def test_saf_010_a_twist_that_waits_in_a_stopped_robotd_is_followed_by_a_stop(du
 
 @pytest.mark.long
 def test_saf_010_no_stop_is_confirmed_while_a_skill_may_still_begin(duck: RealRobot, twin: Twin) -> None:
-    """A skill is asked for on another connection than stops are."""
+    """A skill is requested on another connection than stops."""
     act(duck, twin, head_yaw=0.1)
     twin.pause()
     answers: list[Any] = []
@@ -187,10 +187,10 @@ def test_saf_020_a_walk_does_not_go_on_in_a_robotd_that_was_frozen(duck: RealRob
 
 
 def test_saf_010_a_twist_that_outlives_the_wire_is_followed_by_the_roots_stop(duck: RealRobot, twin: Twin) -> None:
-    """What was handed to a socket is delivered although its owner is dead."""
+    """Bytes in a socket are delivered even if their sender is dead."""
     act(duck, twin, vx=0.1, duration=10)
     twin.pause()
-    time.sleep(0.1)  # a few twists wait
+    time.sleep(0.1)  # so that a few twists wait
     os.kill(pids(duck)["wire"], signal.SIGKILL)
     time.sleep(0.3)
     back_ns = time.monotonic_ns()
@@ -282,7 +282,7 @@ def test_saf_003_a_policy_that_somebody_takes_away_ends_what_is_live(duck: RealR
 
 
 def say(twin: Twin, name: str, **given: Any) -> Any:
-    """Ask as another client."""
+    """Send a request as another client."""
     with socket.socket(socket.AF_UNIX) as client:
         client.settimeout(5.0)
         client.connect(twin.port)
@@ -291,7 +291,7 @@ def say(twin: Twin, name: str, **given: Any) -> Any:
 
 
 def say_until(twin: Twin, is_so: Callable[[dict[str, Any]], bool]) -> dict[str, Any]:
-    """Return the first state that is so, as another client hears them."""
+    """Return the first state that fulfils the condition, read by another client."""
     with socket.socket(socket.AF_UNIX) as client:
         client.settimeout(5.0)
         client.connect(twin.port)

@@ -1,5 +1,4 @@
-"""The twin as others see it: microduck-cli, unmodified; a client of sockets alone; and the duck
-behind it."""
+"""Test the twin with the unmodified microduck-cli and a client on plain sockets, and the duck behind it."""
 
 from __future__ import annotations
 
@@ -33,8 +32,11 @@ CLI = "microduck-cli==0.9.7"
 
 @pytest.fixture(scope="module")
 def cli(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
-    """The environment in which ``python -m microduck_cli`` runs. Its metadata ask for Python 3.12,
-    which it does not need: where it is not installed it gets a folder of its own."""
+    """Return an environment in which ``python -m microduck_cli`` runs.
+
+    Its metadata require Python 3.12, which it does not need. Where it is not installed, it gets a separate
+    folder.
+    """
     environment = {**os.environ, "HOME": str(tmp_path_factory.mktemp("home"))}
     if find_spec("microduck_cli") is None:
         folder = tmp_path_factory.mktemp("cli")
@@ -93,7 +95,7 @@ def test_microduck_cli_drives_reads_and_is_refused_what_it_should_be(cli: dict[s
     assert {"hello", "state", "health"} <= sources
 
 
-# -- a client of sockets alone
+# -- a client on plain sockets
 
 
 class Client:
@@ -163,7 +165,7 @@ def test_states_come_at_the_rate_that_was_asked_for_and_a_flood_of_bytes_ends_on
 
 
 class Clock:
-    """Seconds that pass when a test says so."""
+    """A clock that the test advances."""
 
     def __init__(self) -> None:
         self.now_s = 0.0

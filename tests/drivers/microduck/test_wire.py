@@ -1,4 +1,5 @@
-"""What the wire says again, how long, and to whom not: on a socket of this test, by its clock."""
+"""Test what the wire re-sends, for how long, and to which peers it sends nothing. The test owns the socket and
+the clock."""
 
 from __future__ import annotations
 
@@ -25,7 +26,7 @@ WALKS = (0.2, 0.0, 0.1)
 
 
 class Clock(MonotonicClock):
-    """Time that passes when a test says so."""
+    """A clock that the test advances."""
 
     def __init__(self) -> None:
         self.now_s = 100.0
@@ -45,7 +46,7 @@ class Denied:
 
 
 class Rig:
-    """A wire that is connected, and what robotd's end of it has heard."""
+    """A connected wire, and the messages at robotd's end of it."""
 
     def __init__(self, wire: MicroduckWire, clock: Clock, robotd: socket.socket) -> None:
         self.wire = wire
@@ -53,7 +54,7 @@ class Rig:
         self._robotd = robotd
 
     def tell_state(self, t_s: float | None = None, **changed: Any) -> None:
-        """``t_s``: the robot's own time, that of the test if it goes on."""
+        """Deliver a state. ``t_s`` is the robot's own time; by default it is the test's."""
         t_s = self.clock.now_s if t_s is None else t_s
         told = {**DuckTwin("microduck").state(), "t": t_s, **changed}
         self.wire._link._take(Call(p.STATE, told, None, True))
@@ -138,7 +139,7 @@ def test_saf_010_nothing_is_said_to_a_robot_whose_state_is_old(tmp_path: Path) -
 
 
 def test_saf_012_a_state_whose_time_stands_still_is_not_new(tmp_path: Path) -> None:
-    """The loop of robotd is stuck, and its socket goes on telling the last it knew."""
+    """The loop of robotd is stuck, and its socket repeats the last state."""
 
     async def test(one: Rig) -> None:
         one.tell_state(12.34)
@@ -147,7 +148,7 @@ def test_saf_012_a_state_whose_time_stands_still_is_not_new(tmp_path: Path) -> N
         one.heard()
         for _ in range(30):
             one.clock.now_s += 0.02
-            one.tell_state(12.34, head=[0.1, 0.0, 0.0, 0.0])  # what else is in it does not make it new
+            one.tell_state(12.34, head=[0.1, 0.0, 0.0, 0.0])  # other changes in it do not make it new
             if one.clock.now_s < 100.5:
                 again = await one.wire.read()
                 assert again.t_ns == seen.t_ns == max(again.stamp_ns)
@@ -180,8 +181,7 @@ def test_a_robotd_that_has_started_anew_counts_from_less_and_is_new(tmp_path: Pa
 
 @pytest.mark.parametrize("before", [None, 500.0])
 def test_saf_012_connecting_waits_for_two_stamps(tmp_path: Path, before: float | None) -> None:
-    """One state may be the last of a loop that is stuck; one of an earlier connection tells
-    nothing."""
+    """One state may be the last of a stuck loop. One of an earlier connection proves nothing."""
 
     async def test(one: Rig) -> None:
         link = one.wire._link
@@ -200,7 +200,7 @@ def test_saf_002_what_was_made_safe_is_not_said_again(tmp_path: Path) -> None:
     async def test(one: Rig) -> None:
         await one.walk(until_s=110.0)
         one.heard()
-        with trio.move_on_after(0.3):  # nobody answers
+        with trio.move_on_after(0.3):  # no peer answers
             await one.wire.make_safe("zero")
         said = [call["method"] for call in one.heard()]
         assert said[0] == p.MOVE and set(said) <= {p.MOVE, p.STOP}
@@ -247,7 +247,7 @@ def test_saf_005_without_a_connection_nothing_is_called_written(tmp_path: Path) 
 
 @pytest.mark.parametrize("how", ["make_safe", "reach"])
 def test_saf_022_a_stop_is_said_on_a_connection_that_is_not_understood(tmp_path: Path, how: str) -> None:
-    """It is written at once, before another connection is made."""
+    """The stop is written at once, before another connection is made."""
 
     async def test(one: Rig) -> None:
         one.heard()

@@ -1,4 +1,4 @@
-"""A small arm on a pseudo-terminal, and robots on it by a class of the user's."""
+"""A small arm on a pseudo-terminal, and robots on it with a user's class."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def small_arm(tmp_path: Path) -> Iterator[SmallArm]:
 
 @pytest.fixture
 def wrong(tmp_path: Path) -> Path:
-    """The file that says what the class shall do wrong."""
+    """Return the file that names the fault which the class simulates."""
     return tmp_path / "wrong"
 
 

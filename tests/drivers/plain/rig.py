@@ -1,4 +1,4 @@
-"""A small serial robot on a pseudo-terminal, with a log of what it was told, and when."""
+"""A small serial robot on a pseudo-terminal, with a log of its commands and their times."""
 
 from __future__ import annotations
 
@@ -17,8 +17,11 @@ class Line(NamedTuple):
 
 
 class SmallArm:
-    """Two joints. It moves as it was last told, whatever becomes of who told it. ``port``: a path
-    of its own, which ends with it: the next terminal may have the same number."""
+    """A robot with two joints. It follows its last command, even when the sender is gone.
+
+    Args:
+        port: A path for this robot only, which ends with it, because the next terminal may get the same number.
+    """
 
     def __init__(self, port: Path) -> None:
         self._master, self._slave = os.openpty()

@@ -1,8 +1,6 @@
-"""A driver class as the drivers page describes one: plain members, a serial port, nothing of this
-package.
+"""A driver class as the drivers page describes one: plain members, a serial port, nothing of this package.
 
-Its robot is ``SmallArm`` of ``rig``. What the class shall do wrong stands in a file, which it reads
-before each call.
+Its robot is ``SmallArm`` of ``rig``. Before each call it reads a file that names a fault to simulate.
 """
 
 from __future__ import annotations
@@ -126,7 +124,7 @@ class PatientArmDriver(SmallArmDriver):
 
 
 class SensingArmDriver(SmallArmDriver):
-    """Has sensors as members, as the drivers page names them; one of them fails."""
+    """Has sensors as members, as the drivers page names them. One of them fails."""
 
     def get_observation(self) -> dict[str, Any]:
         observation = super().get_observation()
@@ -144,7 +142,7 @@ class SensingArmDriver(SmallArmDriver):
 
 
 class DeclaredArmDriver(SmallArmDriver):
-    """Says which axes it has, and how far they go."""
+    """Declares its axes and their limits."""
 
     action_features = {"pan.pos": float, "lift.pos": float, "top": (480, 640, 3)}  # noqa: RUF012
     action_limits = {"pan": (-90.0, 90.0)}  # noqa: RUF012
@@ -159,7 +157,7 @@ class DeclaredArmDriver(SmallArmDriver):
 
 
 class SilentArmDriver(SmallArmDriver):
-    """Says nothing of its axes in any way."""
+    """Declares nothing about its axes."""
 
     def get_observation(self) -> dict[str, Any]:
         return {"on": True}

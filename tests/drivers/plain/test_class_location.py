@@ -1,4 +1,4 @@
-"""A class of the user's is found by the processes of its robot, wherever it stands, or refused."""
+"""Test that the processes of a robot find a user's class in any location, or that it is refused."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
-"""``driver="lerobot"``: LeRobot's class of a robot in our tree. What the wire shows, with a stand-in
-of LeRobot; the real one is ``python -m tests lerobot``'s."""
+"""Test ``driver="lerobot"``: LeRobot's class of a robot in our tree. The wire decides. A stand-in replaces
+LeRobot; ``python -m tests lerobot`` uses the real one."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ from tests.answers import json_of, pids, state, status, until, why
 from .rig import SmallArm
 
 pytestmark = pytest.mark.real_time
-"""The vendor's SDK asks a servo once, and waits for milliseconds."""
+"""The vendor's SDK requests a servo's answer once, and waits for milliseconds."""
 
 STANDIN = Path(__file__).parent / "standin"
 MOTORS = ("shoulder_pan", "shoulder_lift", "elbow_flex", "wrist_flex", "wrist_roll", "gripper")
@@ -35,7 +35,7 @@ MOTORS = ("shoulder_pan", "shoulder_lift", "elbow_flex", "wrist_flex", "wrist_ro
 
 @pytest.fixture
 def lerobot(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
-    """The stand-in, to be found here, and imported in processes that start from here."""
+    """Put the stand-in on the path, for this process and its children."""
     monkeypatch.syspath_prepend(str(STANDIN))
     yield
     for name in [name for name in sys.modules if name.partition(".")[0] in ("lerobot", "draccus")]:
@@ -52,7 +52,7 @@ def twin(tmp_path: Path) -> Iterator[Twin]:
 def arm(twin: Twin, lerobot: None, tmp_path: Path) -> Iterator[Any]:
     robot = Robot("so101", mode="real", driver="lerobot", port=twin.port, **calibrated(tmp_path))
     try:
-        # The vendor's SDK asks once: on a busy machine a servo may be late.
+        # The vendor's SDK sends a request once. On a busy machine a servo may be late.
         until(lambda: robot.connect_eagerly() is None, "it connects")
         yield robot
     finally:
@@ -131,8 +131,8 @@ def test_saf_011_connecting_energises_nothing_and_arming_does_where_the_arm_is(t
     assert told["lerobot_type"] == "so101_follower" and told["axes_from"] == "its type"
     assert told["stop_channel"].startswith("torque off by our own codec")
     kinds = [frame.kind for frame in twin.log.entries() if frame.sender == "host"]
-    assert kinds.count("enable") == 6  # once each, by arming; LeRobot's own connect would have been six more
-    assert kinds.index("setpoint") < kinds.index("enable")  # where it is, before it has torque
+    assert kinds.count("enable") == 6  # once each, by arming; LeRobot's own connect would add six more
+    assert kinds.index("setpoint") < kinds.index("enable")  # its position is the goal before it has torque
     before = arm.get_observation()
     json_of(arm.send_action({"shoulder_pan": before["shoulder_pan"] + 10.0}))
     until(lambda: abs(arm.get_observation()["shoulder_pan"] - before["shoulder_pan"] - 10.0) < 1.0, "it moves")
@@ -166,7 +166,7 @@ def test_saf_003_the_wire_process_is_killed_and_our_own_codec_takes_the_torque(t
     until(lambda: twin.log.first_safe(killed_ns), "it is limp")
     until(lambda: status(arm)["connected"] and state(arm) == "disarmed", "there is another wire")
     twin.log.no_setpoint_after_safe(killed_ns)
-    twin.log.silent_after(killed_ns, "enable")  # SAF-008: LeRobot's connect energises, and was kept from it
+    twin.log.silent_after(killed_ns, "enable")  # SAF-008: LeRobot's connect would energise, and is kept from it
     json_of(arm.resume())
 
 
@@ -184,7 +184,7 @@ def test_a_type_without_a_bus_of_ours_is_stopped_by_its_own_disconnect(small_arm
     try:
         assert robot.connect_eagerly() is None
         assert status(robot)["stop_channel"] == "none: a fresh process calls stop()"
-        assert robot.driver.fallbacks[Reason.POLICY] == "stop"  # nobody knows how to hold it
+        assert robot.driver.fallbacks[Reason.POLICY] == "stop"  # it is not known how to hold it
         json_of(robot.send_action({"pan": 3.0}))
         until(lambda: small_arm.said("goal"), "it moves")
         json_of(robot.stop())
@@ -201,7 +201,7 @@ def test_a_type_without_a_bus_of_ours_is_stopped_by_its_own_disconnect(small_arm
 
 
 def test_saf_005_a_stop_takes_the_torque_of_the_others_when_one_servo_does_not_answer(twin: Twin, arm: Any) -> None:
-    """LeRobot's own loop over the motors ends at the first that does not."""
+    """LeRobot's own loop over the motors ends at the first that does not answer."""
     json_of(arm.send_action({"shoulder_pan": arm.get_observation()["shoulder_pan"] + 5.0}))
     twin.fault("off:2")
     stopped_ns = time.monotonic_ns()
@@ -212,7 +212,7 @@ def test_saf_005_a_stop_takes_the_torque_of_the_others_when_one_servo_does_not_a
 
 
 def test_a_bus_that_cannot_be_asked_at_once_is_asked_motor_by_motor() -> None:
-    """LeRobot's bus of a HopeJR hand, which raises for a sync read."""
+    """LeRobot's bus of a HopeJR hand raises for a sync read."""
 
     class Bus:
         protocol_version = 1
@@ -231,7 +231,7 @@ def test_saf_019_neither_a_hold_nor_an_action_energises_a_limp_servo(twin: Twin,
     """On an STS3215 a goal turns the torque on."""
     moved_ns = time.monotonic_ns()
     json_of(arm.send_action({"shoulder_pan": arm.get_observation()["shoulder_pan"] + 5.0}))
-    until(lambda: twin.log.host("setpoint", moved_ns), "it is told")  # and energises nothing later
+    until(lambda: twin.log.host("setpoint", moved_ns), "it is told")  # it energises nothing later
     twin.power_cycle()
     until(lambda: len(status(arm)["faults"]) == len(MOTORS), "their torque is looked at")
     assert set(status(arm)["faults"].values()) == {"limp"} and state(arm) == "armed"
@@ -249,7 +249,7 @@ def test_saf_019_neither_a_hold_nor_an_action_energises_a_limp_servo(twin: Twin,
 
 
 class Half:
-    """An arm of LeRobot's of which one motor has no torque."""
+    """One of LeRobot's arms, in which one motor has no torque."""
 
     action_features: ClassVar[dict[str, type]] = dict.fromkeys(("pan.pos", "lift.pos"), float)
     is_connected = True
@@ -315,7 +315,7 @@ def test_saf_019_an_action_for_a_motor_without_torque_is_refused() -> None:
 
 
 def test_a_limp_motor_is_named_as_the_robots_keys_name_it() -> None:
-    """Two arms have the same motors; a wheel has no key of its own, and any action may turn it."""
+    """Two arms have the same motors. A wheel has no separate key, and any action may turn it."""
     assert follower._prefix("left_arm.bus") == "left_" and follower._prefix("bus") == ""
     robot = Half(motors=("pan", "lift", "wheel"))
     made = followed(robot)
@@ -325,7 +325,7 @@ def test_a_limp_motor_is_named_as_the_robots_keys_name_it() -> None:
 
 
 class Late:
-    """A bus on which answers to earlier questions come in, that read like "no torque"."""
+    """A bus that delivers answers to earlier requests, which read like "no torque"."""
 
     motors = ("pan", "lift")
 

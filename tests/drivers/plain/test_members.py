@@ -1,4 +1,4 @@
-"""What a class says of its axes, and what its answers mean."""
+"""Test how a class declares its axes, and how its answers are interpreted."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def test_axes_are_those_of_the_features_without_pictures() -> None:
     [("action_limits", {"Lift": (0, 1)}), ("action_speeds", {"lft": 1}), ("action_units", {"x": "m"})],
 )
 def test_what_is_said_of_no_axis_is_refused(member: str, given: dict[str, Any]) -> None:
-    """A misspelt limit would hold nothing."""
+    """A misspelt limit would limit nothing."""
     (key,) = given
     with pytest.raises(ValueError, match=rf"Arm\.{member} names '{key}', which is no axis\. It has pan\.pos, lift"):
         declared_by(Says(action_features=["pan.pos", "lift"], **{member: given}), "Arm")

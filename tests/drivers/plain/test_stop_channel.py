@@ -1,4 +1,4 @@
-"""What stops the robot of a plain class when there is no wire process."""
+"""Test what stops the robot of a plain class when there is no wire process."""
 
 from __future__ import annotations
 
@@ -90,7 +90,7 @@ def test_saf_003_a_stop_that_is_given_up_goes_on_and_is_answered_when_it_is_aske
         small_arm.answers = False
 
         async def stop() -> None:
-            while True:  # a busy machine may start no process within the time that the channel gives it
+            while True:  # on a busy machine no process may start within the channel's time
                 await channel.make_safe("stop")
 
         async with trio.open_nursery() as nursery:

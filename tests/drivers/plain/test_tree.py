@@ -1,4 +1,4 @@
-"""A class of the user's in a tree: what its robot was told, by the robot's own log."""
+"""Test a user's class in a tree. The robot's own log has its commands."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ def test_a_script_of_the_page_runs_and_its_object_is_in_the_wire_process(
     assert told["stop_channel"] == "none: a fresh process calls stop()"
     assert json_of(robot.send_action({"pan.pos": 10.0}))["commanded"] == {"pan": 10.0}
     until(lambda: robot.get_observation()["pan"] == 10.0, "it moves")
-    assert [line.text for line in small_arm.said("goal")] == ["goal pan.pos=10.0"]  # no axis that was not named
+    assert [line.text for line in small_arm.said("goal")] == ["goal pan.pos=10.0"]  # only the named axis
     assert json_of(robot.stop())["safe_state"] == "stop"
     assert json_of(robot.cleanup())["safe_state"] == "off"
     assert [line.text for line in small_arm.log][-2:] == ["stop", "bye"]
@@ -183,7 +183,7 @@ def test_saf_005_a_stop_that_hangs_is_done_by_another_process(
 ) -> None:
     robot = new_robot(SmallArmDriver)
     wrong.write_text("stop hangs")
-    assert "not confirmed by pan (id 0)" in why(robot.stop())  # by the wire, or by who ended it
+    assert "not confirmed by pan (id 0)" in why(robot.stop())  # by the wire, or by the process that ended it
     wrong.unlink()
     asked_ns = time.monotonic_ns()
     until(lambda: small_arm.said("stop", asked_ns), "it is stopped by another process")
@@ -199,7 +199,7 @@ def test_saf_005_a_robot_that_no_process_can_stop_is_named_as_not_confirmed(
     os.kill(pids(robot)["wire"], signal.SIGKILL)
     until(lambda: state(robot) not in ("armed", "disarmed", "unreachable"), "it is not confirmed")
     assert "not confirmed by pan (id 0)" in why(robot.stop())
-    # by the next wire, or by the process that the stop channel starts
+    # Either the next wire or the process that the stop channel starts reports it.
     until(lambda: "RuntimeError: the bus is upset" in why(robot.stop()), "the class's own reason is told")
 
 
@@ -232,7 +232,7 @@ def runs(pid: int) -> bool:
 
 
 def spare_of(robot: RealRobot) -> int:
-    """Return the child of the root that stands ready to stop the robot."""
+    """Return the root's child that is ready to stop the robot."""
     root = pids(robot)["root"]
     children = Path(f"/proc/{root}/task/{root}/children").read_text().split()
     (spare,) = [int(pid) for pid in children if b" stop" in Path(f"/proc/{pid}/cmdline").read_bytes()]
@@ -252,7 +252,7 @@ def test_saf_016_the_process_that_would_stop_the_robot_is_replaced(
     until(lambda: small_arm.said("stop", killed_ns), "and another process to stop it")
 
 
-# -- what cannot be run
+# -- classes that cannot be run
 
 
 def test_a_robot_that_is_not_there_says_so(small_arm_known: None) -> None:
@@ -267,7 +267,7 @@ def test_a_class_that_says_nothing_of_its_axes_is_refused(small_arm_known: None,
     register_native_driver("small_arm", SilentArmDriver)
     robot = Robot("small_arm", mode="real", port=small_arm.port)
     assert "SilentArmDriver names no axes. Give it action_features" in (robot.connect_eagerly() or "")
-    assert [line.text for line in small_arm.log] == ["stop", "bye"]  # it was asked, and given up in order
+    assert [line.text for line in small_arm.log] == ["stop", "bye"]  # it was called, and closed in order
     robot.cleanup()
 
 
@@ -281,7 +281,7 @@ def test_a_connection_that_hangs_is_given_up(small_arm_known: None, small_arm: S
     robot.cleanup()
 
 
-# -- what a tree has beside verbs
+# -- parts of a tree other than verbs
 
 
 def test_without_a_drill_that_is_required_nothing_moves(new_robot: NewRobot, small_arm: SmallArm) -> None:

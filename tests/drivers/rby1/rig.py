@@ -1,4 +1,4 @@
-"""For the wire in virtual time: the twin's services behind connections in memory."""
+"""The twin's services behind connections in memory, for the wire in virtual time."""
 
 from __future__ import annotations
 
@@ -38,14 +38,14 @@ class Written(NamedTuple):
 
 
 class World:
-    """One robot. ``options``: of the driver."""
+    """One robot. ``options`` are those of the driver."""
 
     def __init__(self, **options: Any) -> None:
         self.controller = Controller(TABLES.table("rby1"), now_s=trio.current_time)
         self.service = RBY1Service(self.controller)
         self.written: list[Written] = []
         self.streams: list[Stream] = []
-        self.frozen = False  # what is written waits until it goes on
+        self.frozen = False  # True: written bytes wait until it goes on
         self.gone = False
         self.driver = RBY1("rby1", PORT, options)
 
@@ -64,7 +64,7 @@ class World:
 
     @contextlib.asynccontextmanager
     async def living(self) -> AsyncIterator[World]:
-        """Its time passes meanwhile."""
+        """Advance the robot's time during the block."""
         async with trio.open_nursery() as nursery:
             nursery.start_soon(self._live)
             yield self
@@ -79,7 +79,7 @@ class World:
             await trio.sleep(0.004)
 
     def go_on(self, streams: Iterable[Stream] | None = None) -> None:
-        """Take up what waited, connection by connection, in this order."""
+        """Process the waiting bytes, one connection after the other, in this order."""
         self.frozen = False
         for stream in self.streams if streams is None else streams:
             stream.take_late()
@@ -103,7 +103,7 @@ class _Log:
 
 
 class Stream:
-    """A connection in memory, and what serves it."""
+    """A connection in memory, and the service behind it."""
 
     def __init__(self, world: World) -> None:
         self._world = world
@@ -129,7 +129,7 @@ class Stream:
             self._client.flush()
 
     def take_late(self) -> None:
-        """The host may be gone by now: what it sent is there all the same."""
+        """Process the waiting bytes, even if the host is gone by now."""
         late, self._late = self._late, []
         for data in late:
             self._take(data)
@@ -183,7 +183,7 @@ Test = Callable[..., Awaitable[None]]
 
 
 def in_a_world(test: Test) -> Callable[..., None]:
-    """In virtual time, with a robot."""
+    """Run the test in virtual time, with a robot."""
 
     @functools.wraps(test)
     def run(**kwargs: Any) -> None:
@@ -193,13 +193,13 @@ def in_a_world(test: Test) -> Callable[..., None]:
 
         virtual(main)
 
-    # pytest looks for fixtures in the signature: without the world
+    # pytest looks for fixtures in the signature, which must not have the world.
     del run.__wrapped__  # type: ignore[attr-defined]
     return run
 
 
 def with_each(name: str, values: list[Any]) -> Callable[[Test], Callable[..., None]]:
-    """As ``in_a_world``, once for each value."""
+    """Run the test as ``in_a_world`` does, once for each value."""
 
     def decorate(test: Test) -> Callable[..., None]:
         def run(value: Any) -> None:

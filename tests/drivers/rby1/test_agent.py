@@ -1,4 +1,4 @@
-"""An agent keeps an RB-Y1 and can stop it."""
+"""Test that an agent can keep an RB-Y1 as its tool, and stop it."""
 
 from __future__ import annotations
 

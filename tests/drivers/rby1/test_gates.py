@@ -1,4 +1,4 @@
-"""What is refused, in which words, and that what the words allow is accepted."""
+"""Test which commands are refused with which messages, and that what a message allows is accepted."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ def state(observation: Observation | None = None, target: float = 0.0, stream_s:
 
 
 def judge(action: Mapping[str, Any], at: GateState | None = None, by: RBY1 | None = None) -> Candidate | Refused:
-    """As the gate asks: conditions, parse, gates."""
+    """Judge an action as the gate does: conditions, parse, gates."""
     at, by = at or state(), by or driver()
     for condition in by.conditions:
         if refusal := condition.check(at.observation, at.now_ns):

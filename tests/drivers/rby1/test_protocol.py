@@ -1,4 +1,4 @@
-"""The codec: what is written is read again, and whatever else may come is its own error."""
+"""Test the codec: encoded messages decode to the same, and any other input raises its own error."""
 
 from __future__ import annotations
 
@@ -140,7 +140,7 @@ def test_limits_are_read_from_the_robots_own_model() -> None:
 
 
 def test_limits_are_read_past_prefixes_and_transmissions() -> None:
-    """As MuJoCo reads it: a prefix needs no declaration, and a transmission is no joint."""
+    """As in MuJoCo: a prefix needs no declaration, and a transmission is no joint."""
     joint = '<joint name="a"><limit lower="-1" upper="1" velocity="2"/></joint>'
     more = '<drake:x/><gazebo><plugin:y/></gazebo><transmission><joint name="a"/></transmission>'
     assert limits_of(f"<robot>{joint}{more}</robot>", ["a"]) == Limits((-1.0,), (1.0,), (2.0,))
@@ -170,7 +170,7 @@ def test_a_model_that_is_no_plain_urdf_is_refused(urdf: str) -> None:
         limits_of(urdf, ["a"])
 
 
-# -- what else may come
+# -- invalid input
 
 READERS: dict[str, Callable[[bytes], Any]] = {
     "command": Command.decode,
@@ -229,7 +229,7 @@ def test_disturbed_messages_raise_the_codecs_own_error_and_no_other() -> None:
 
 
 def test_a_disturbed_command_on_the_wire_moves_nothing_it_does_not_say() -> None:
-    """Through both ends of HTTP/2: a call that cannot be understood is no setpoint."""
+    """Both ends of HTTP/2 take part. A call that cannot be decoded is no setpoint."""
     client, server = ClientEnd("h:1"), ServerEnd()
     stream = client.call(p.Method.COMMAND_STREAM)
     client.send(stream, b"\xff\xff")

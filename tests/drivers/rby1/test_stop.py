@@ -1,4 +1,4 @@
-"""What stops it, in virtual time on the twin's services: the wire, a link that was lost, the root's stop
+"""Test what stops the robot, in virtual time on the twin's services: the wire, a lost link, the root's stop
 channel."""
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ async def test_saf_005_a_stop_ends_the_stream_cancels_and_is_read_back(world: Wo
 
 @in_a_world
 async def test_saf_011_a_hold_tells_where_it_holds(world: World) -> None:
-    """And not where the robot was when it was told to."""
+    """The report has the hold position, and not the position when the hold was sent."""
     wire = await armed(world)
     head, target = -2, world.controller.plant.position_rad
     for _ in range(15):
@@ -66,7 +66,7 @@ async def test_saf_011_a_hold_tells_where_it_holds(world: World) -> None:
 
 @with_each("safe_state", ["hold", "stop"])
 async def test_saf_005_states_that_repeat_prove_no_standstill(world: World, safe_state: str) -> None:
-    """It answers, does nothing, and tells again and again that it stood."""
+    """The robot answers but does nothing. It repeats a report of a standstill."""
     wire = await armed(world)
     await cycle(wire, 5)
     world.service.faults.set(Fault.STUCK)
@@ -177,7 +177,7 @@ async def test_off_takes_the_power_and_sees_that_it_is_gone(world: World) -> Non
 
 
 def refused(answer: bytes) -> bytes:
-    """In the header of the answer."""
+    """Return an answer with an error in its header."""
     error = pb.varint_field(1, 9) + pb.bytes_field(2, b"nothing to cancel")
     return pb.bytes_field(1, pb.bytes_field(4, error)) + answer
 
@@ -186,7 +186,7 @@ def refused(answer: bytes) -> bytes:
 async def test_saf_005_power_that_is_off_is_seen_though_the_robot_refuses_the_other_orders(
     world: World, by_status: bool
 ) -> None:
-    """Of a control manager that is idle there may be nothing to cancel."""
+    """An idle control manager may have nothing to cancel."""
     wire = await armed(world)
     channel = world.stop_channel()
     await wire.make_safe("off")
@@ -228,7 +228,7 @@ async def test_saf_005_power_that_is_off_is_seen_though_the_robot_refuses_the_ot
 async def test_saf_005_power_is_off_when_that_of_the_motors_is_known_to_be(
     world: World, powers: tuple[Power, ...]
 ) -> None:
-    """Not when any of the supplies is, nor when the robot tells nothing of them."""
+    """The power of one other supply does not count, nor does a robot without a report of its supplies."""
     wire = await armed(world)
     state, told = world.controller.state, powers
     world.controller.state = lambda: msgspec.structs.replace(state(), powers=told)  # type: ignore[method-assign]
@@ -294,7 +294,7 @@ async def test_saf_010_what_a_frozen_robot_finds_late_is_followed_by_the_stop(wo
 
 @in_a_world
 async def test_saf_010_a_late_command_on_another_connection_is_seen_and_cancelled(world: World) -> None:
-    """The root's stop may be taken up before what the dead wire had sent."""
+    """The robot may process the root's stop before the messages of the dead wire."""
     wire = await armed(world)
     channel = world.stop_channel()
     await cycle(wire, 5)
@@ -378,7 +378,7 @@ async def test_saf_003_the_stop_channel_has_a_connection_of_its_own_before_it_is
 
 @in_a_world
 async def test_saf_020_a_kept_connection_that_has_died_in_silence_is_not_waited_for_twice(world: World) -> None:
-    """Half open: it takes what is written, and nobody is there."""
+    """The connection is half open: it takes written bytes, but has no peer."""
     wire = await armed(world)
     channel = world.stop_channel()
     async with trio.open_nursery() as nursery:

@@ -1,4 +1,4 @@
-"""An RB-Y1's whole tree on its twin: real processes, real sockets, judged by what the twin heard."""
+"""Test an RB-Y1's whole tree on its twin: real processes and real sockets. The twin's log decides."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from tests import trees
 from tests.answers import json_of, resumed, state, status, until, why
 from tests.trees import Step, made_safe, robot_on, run_for, set_moving, shared_twin
 
-"""On the published bounds, for a busy machine."""
+"""Added to the published bounds, for a busy machine."""
 
 
 @pytest.fixture(scope="module")
@@ -46,7 +46,7 @@ def moving(robot: RealRobot, twin: Twin) -> RealRobot:
 
 
 def wave() -> Step:
-    """Torso and head."""
+    """Return a policy that moves torso and head."""
     return trees.wave({"torso_5": 0.2, "head_0": -0.2}, 0.04)
 
 
@@ -115,7 +115,7 @@ def test_a_single_command_is_repeated_so_that_the_robot_holds_on_to_it(robot: Re
     assert not status(robot)["faults"]
 
 
-# -- the robot says no
+# -- refusals of the robot
 
 
 @pytest.mark.quick_cases(1)
@@ -128,8 +128,8 @@ def test_a_single_command_is_repeated_so_that_the_robot_holds_on_to_it(robot: Re
     ],
 )
 def test_saf_003_the_robot_stops_by_itself(moving: RealRobot, twin: Twin, order: str, says: str) -> None:
-    """The tree notices, makes safe, says why; nothing goes on by itself, and nothing is energised
-    before the cause is gone."""
+    """The tree notices it, makes safe and gives the reason. No motion continues by itself, and nothing is
+    energised before the cause is gone."""
     ordered_ns = time.monotonic_ns()
     twin.order(order)
     until(lambda: state(moving) == "disarmed", "it is disarmed")
@@ -217,7 +217,7 @@ def test_saf_012_unplugged_while_it_moves(moving: RealRobot, twin: Twin) -> None
 @pytest.mark.parametrize("fault", ["garbage", "off", "stuck", "intermittent"])
 def test_it_recovers_from_what_it_cannot_use(moving: RealRobot, twin: Twin, fault: str) -> None:
     twin.fault(fault)
-    if fault == "intermittent":  # every third answer is missing: states still come
+    if fault == "intermittent":  # every third answer is missing, and states still come
         time.sleep(0.5)
         moving.stop()
     else:

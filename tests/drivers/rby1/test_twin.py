@@ -1,5 +1,4 @@
-"""The twin's robot by itself: power, servos, control manager, who may command, what ends a
-command."""
+"""Test the twin's robot by itself: power, servos, control manager, the right to command, the end of a command."""
 
 from __future__ import annotations
 
@@ -14,7 +13,7 @@ from strands_actors.drivers.rby1.twin.controller import Controller
 
 
 class Robot(Controller):
-    """On a clock of its own."""
+    """A controller with its own clock."""
 
     def __init__(self) -> None:
         self.clock_s = 100.0

@@ -1,5 +1,5 @@
-"""The vendor's rby1-sdk, as it is, against the twin. In a process of its own: it may hang, and it
-does not end by itself."""
+"""Test the vendor's unmodified rby1-sdk against the twin, in a separate process: it may hang, and does not end
+by itself."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ def twin(tmp_path: Path) -> Iterator[TwinProcess]:
 
 
 def run(twin: TwinProcess, program: str) -> dict[str, Any]:
-    """What the program tells at its end."""
+    """Return the result that the program prints at its end."""
     ran = subprocess.run(
         [sys.executable, "-c", PRELUDE + program, twin.port, str(twin.process.pid)],
         stdout=subprocess.PIPE,
@@ -66,7 +66,7 @@ def run(twin: TwinProcess, program: str) -> dict[str, Any]:
 
 
 def commands(twin: TwinProcess) -> list[Command]:
-    """What the twin heard, decoded by the codec that the wire encodes with."""
+    """Return the commands in the twin's log, decoded by the wire's codec."""
     rows = map(json.loads, twin.log_path.read_text().splitlines())
     return [Command.decode(bytes.fromhex(row["hex"])) for row in rows if row["kind"] == "setpoint"]
 
@@ -176,7 +176,7 @@ def test_a_command_without_the_control_manager_is_refused(twin: TwinProcess) -> 
 
 
 def test_its_calls_hang_as_long_as_the_robot_is_frozen(twin: TwinProcess) -> None:
-    """Why the wire does not use it: its calls have no deadline, ours have."""
+    """The reason why the wire does not use it: its calls have no deadline, ours have."""
     told = run(
         twin,
         """

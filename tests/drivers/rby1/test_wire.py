@@ -1,5 +1,5 @@
-"""The wire in virtual time, on the twin's services: what is written, in which order, and what is
-believed."""
+"""Test the wire in virtual time, on the twin's services: what it writes, in which order, and which answers it
+accepts."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ async def test_another_model_is_named(world: World) -> None:
 
 @in_a_world
 async def test_joints_in_another_order_are_another_robot(world: World) -> None:
-    """Rows of a state have no names: a stop would look at the wrong joints."""
+    """Rows of a state have no names. With another order a stop would read the wrong joints."""
     info = world.controller.info
     order = [*info.joints[:-2], info.joints[-1], info.joints[-2]]
     world.controller.info = msgspec.structs.replace(info, joints=tuple(order))
@@ -151,7 +151,7 @@ def over_current(answer: bytes) -> bytes:
 async def test_a_fault_that_was_not_cleared_is_refused(
     world: World, answered: tuple[Callable[[bytes], bytes], Manager, str]
 ) -> None:
-    """The robot says no, or the cause is still there."""
+    """Either the robot refuses, or the cause is still there."""
     headed, state, why = answered
     world.controller.fail(Manager.MAJOR_FAULT)
     wire = world.wire()
@@ -194,7 +194,7 @@ async def test_saf_009_a_stop_during_bring_up_wins(world: World, denied_at: int)
 
     with pytest.raises(PermitDenied):
         await wire.arm(Watched())
-        for _ in range(denied_at):  # it took fewer checks than that
+        for _ in range(denied_at):  # it made fewer checks than that
             Watched().check()
     assert len(world.kinds("read")) == seen[-1], "nothing is written after the denial"
 
@@ -338,7 +338,7 @@ async def test_a_stream_that_the_robot_ends_without_an_error_is_not_opened_anew(
 
 @in_a_world
 async def test_a_command_that_is_not_repeated_ends_and_the_robot_holds(world: World) -> None:
-    """The robot's own watchdog, armed in every command; a target that is repeated lives on."""
+    """The robot's own watchdog is armed in every command. A target that is repeated lives on."""
     wire = await armed(world)
     target = stepped(world, 0.02)
     for _ in range(10):

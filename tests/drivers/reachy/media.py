@@ -1,10 +1,11 @@
-"""A stand-in for the media server of Reachy Mini's daemon: GStreamer's signalling server with one
-producer, which sends one colour, a tone and a data channel. As a process of its own:
+"""A stand-in for the media server of Reachy Mini's daemon.
 
+It is GStreamer's signalling server with one producer, which sends one colour, a tone and a data channel. It
+runs as a separate process:
     python -m tests.drivers.reachy.media NAME
 
-It prints its port. Lines on its standard input: ``colour R G B``, ``mute`` (no picture is sent any more),
-``end`` (all sessions), ``leave`` (the producer), ``say TEXT`` (to all who are connected).
+It prints its port. Lines on its standard input: ``colour R G B``, ``mute`` (sends no more pictures), ``end``
+(ends all sessions), ``leave`` (the producer leaves), ``say TEXT`` (to all connected clients).
 """
 
 from __future__ import annotations
@@ -88,7 +89,7 @@ class World:
         connection.addTrack(Colour(self))
         await tell(ws, {"type": "sessionStarted", "peerId": "it", "sessionId": session})
         await connection.setLocalDescription(await connection.createOffer())
-        # webrtcsink tells where it is beside the offer, one address at a time.
+        # webrtcsink sends its addresses in addition to the offer, one at a time.
         lines, stream, early = [], -1, []
         for line in connection.localDescription.sdp.splitlines(keepends=True):
             stream += line.startswith("m=")
@@ -127,7 +128,7 @@ class World:
 
 
 async def tell(ws: ServerConnection, message: dict[str, Any]) -> None:
-    with contextlib.suppress(Exception):  # it has gone
+    with contextlib.suppress(Exception):  # the client has gone
         await ws.send(json.dumps(message))
 
 

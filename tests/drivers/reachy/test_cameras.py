@@ -1,5 +1,5 @@
-"""Pictures of Reachy's camera over WebRTC, from a media server that stands in for the daemon's: aiortc at
-both ends, and the signalling of GStreamer between them."""
+"""Test pictures of Reachy's camera over WebRTC, with a stand-in for the daemon's media server. Both ends use
+aiortc, with GStreamer's signalling between them."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ from .media import HEIGHT, WIDTH
 ROOT = Path(__file__).parents[3]
 RED, BLUE = (200, 30, 30), (30, 30, 200)
 NEAR = 20
-"""Of a colour that went through an encoder."""
+"""Tolerance of a colour that went through an encoder."""
 
 
 class Media:
@@ -142,7 +142,7 @@ def test_a_stream_is_left_in_order(media: Media) -> None:
 @pytest.mark.parametrize(
     ("order", "why"),
     [
-        ("end", "has ended the stream|connection has closed|no video"),  # whichever is heard first
+        ("end", "has ended the stream|connection has closed|no video"),  # whichever arrives first
         ("mute", "no picture of reachymini within 2 s"),
         ("freeze", "no picture of reachymini within 2 s"),
         ("kill", "gone|no video|connection has|no picture"),
@@ -197,7 +197,7 @@ def test_nobody_there_is_told() -> None:
         open_and_close(9)
 
 
-# -- when a picture was taken
+# -- the time of a picture
 
 
 def test_what_waited_is_as_old_as_it_is() -> None:
@@ -216,7 +216,7 @@ def test_a_faster_one_shows_that_those_before_were_late() -> None:
 
 
 def test_a_clock_that_goes_slower_is_followed() -> None:
-    """By 100 parts in a million, for an hour: the picture is not late for it."""
+    """The clock is slower by 100 parts in a million, for an hour. The picture does not become late by that."""
     stamps = Stamps()
     late_s = [now_s - stamps.taken(now_s * (1 - 1e-4), 500.0 + now_s) + 500.0 for now_s in range(3600)]
     assert max(late_s) < 0.01

@@ -1,4 +1,4 @@
-"""What the driver accepts and refuses: options, addresses, the envelope, durations, services."""
+"""Test what the driver accepts and refuses: options, addresses, the envelope, durations, services."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The daemon's JSON: exact bodies, and no exception but the codec's own, whatever comes."""
+"""Test the daemon's JSON: exact bodies, and only the codec's own error for any input."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How long what the daemon tells beside positions counts: by a clock that the test moves."""
+"""Test how long the daemon's values other than positions are valid. The test controls the clock."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ class Clock(MonotonicClock):
 
 
 class Told(ReachyWire):
-    """A wire that a test tells what the daemon would."""
+    """A wire that gets the daemon's messages from a test."""
 
     def __init__(self) -> None:
         self.clock = Clock()
@@ -40,7 +40,7 @@ class Told(ReachyWire):
         self._hear(json.dumps(frame))
 
     def later(self, seconds: float) -> Observation:
-        """Read, so much later, with positions and mode that are new."""
+        """Read after this time, with new positions and a new mode."""
         self.clock.at_ns += round(seconds * NS)
         self.tell(type="joint_positions", head_joint_positions=[0.0] * 7, antennas_joint_positions=[0.0, 0.0])
         self.tell(type="head_pose", head_pose=UNIT)

@@ -1,5 +1,5 @@
-"""How Reachy is brought to a safe state, wherever it may be: on twins in this process, judged by
-their robots."""
+"""Test how Reachy is brought to a safe state at any of its addresses, on twins in this process. The twins'
+robots decide."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ NUMBERS = count()
 
 @asynccontextmanager
 async def daemon() -> AsyncIterator[tuple[ReachyTwin, TcpServer]]:
-    """A twin that plays a long move."""
+    """Yield a twin that plays a long move."""
     twin = ReachyTwin("reachy_mini")
     server = serve_twin(twin, WireLog(None))
     async with trio.open_nursery() as nursery:
@@ -61,7 +61,7 @@ def channel(*places: str) -> ReachyStopChannel:
 
 
 class Free:
-    """A permit. ``checks``: how often it was asked before it is denied."""
+    """A permit that denies after this number of checks."""
 
     def __init__(self, checks: int = 1000) -> None:
         self.left = checks
@@ -87,7 +87,7 @@ def test_saf_005_the_channel_finds_the_daemon_that_was_searched_for(safe_state: 
 
 @pytest.mark.parametrize("safe_state", ["hold", "limp"])
 def test_saf_005_each_place_is_stopped_and_one_that_is_silent_is_named(safe_state: str) -> None:
-    """It may be the robot's, and the other one another robot's."""
+    """The silent address may be the robot's, and the other one another robot's."""
 
     async def main() -> None:
         async with daemon() as (one, first), daemon() as (two, second):
@@ -104,7 +104,7 @@ def test_saf_005_each_place_is_stopped_and_one_that_is_silent_is_named(safe_stat
 
 
 def test_saf_005_the_channel_is_told_where_the_wire_found_the_daemon() -> None:
-    """Another robot's runs by now at a place that comes first."""
+    """Another robot's daemon now runs at an address that is tried earlier."""
 
     async def main() -> None:
         async with daemon() as (other, first), daemon() as (twin, second):
@@ -148,7 +148,7 @@ def test_saf_005_torque_that_stays_on_is_no_limp_robot() -> None:
 def test_saf_005_no_stop_is_confirmed_before_the_daemon_has_read_it(
     monkeypatch: pytest.MonkeyPatch, safe_state: str, heard: str
 ) -> None:
-    """It sends and reads nothing on its WebSocket; over HTTP it answers. No list has the move."""
+    """The daemon sends and reads nothing on its WebSocket, but answers over HTTP. No list has the move."""
 
     async def only_tell(twin: ReachyTwin, client: WebSocketClient) -> None:
         await twin._stream(client, twin._sdk_frames)
@@ -300,7 +300,8 @@ def test_moves_of_our_own_are_not_taken_for_another_clients() -> None:
             twin.body.end_move()
             async with wired(server.address) as wire:
                 for at in range(40):
-                    with contextlib.suppress(PermitDenied):  # on a busy machine the one before is not answered yet
+                    # on a busy machine the previous write may be unanswered
+                    with contextlib.suppress(PermitDenied):
                         await wire.write((*FAR[:7], float(at), 0.0, 2.0), Free())
                     await trio.sleep(0.013)
                     sensors = (await wire.read()).sensors
@@ -336,7 +337,7 @@ def test_saf_002_a_stop_does_not_overtake_a_command_that_waits_in_a_frozen_daemo
 
 
 class Slow(HttpPort):
-    """To a daemon that takes what energises, and is at something else for a while."""
+    """A connection to a daemon that accepts a request to energise, and is busy for a while."""
 
     daemon: ReachyTwin
     nursery: trio.Nursery
@@ -357,7 +358,7 @@ class Slow(HttpPort):
         return answers[0]
 
     async def carry_out(self, request: Request, answers: list[Response]) -> None:
-        """Whoever waits for it."""
+        """Carry out the request, even if its sender no longer waits."""
         await trio.sleep(0.3)
         answer = self.daemon.answer(request)
         answers.append(Response(answer.status, {}, answer.body))
@@ -405,7 +406,7 @@ def test_saf_010_no_stop_is_confirmed_before_what_a_service_asked_for_is_carried
 
 
 def test_saf_010_what_is_carried_out_while_a_stop_looks_is_followed_by_the_stop() -> None:
-    """Its answer comes just after the motors' mode was read."""
+    """The answer comes just after the motors' mode was read."""
 
     async def main() -> None:
         async with daemon() as (twin, server):
@@ -429,7 +430,7 @@ def test_saf_010_what_is_carried_out_while_a_stop_looks_is_followed_by_the_stop(
 
 
 def test_saf_009_a_request_that_has_left_is_not_taken_for_denied() -> None:
-    """One without a body is whole with its head."""
+    """A request without a body is complete with its head."""
 
     async def main() -> None:
         async with daemon() as (twin, server), wired(server.address) as wire:

@@ -1,4 +1,4 @@
-"""Reachy's whole tree on its twin: real processes, real sockets, judged by what the twin heard."""
+"""Test Reachy's whole tree on its twin: real processes and real sockets. The twin's log decides."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ from strands_actors.testing import Twin
 from tests.answers import json_of, pids, state, status, until, why
 from tests.trees import armed, connected, first_safe, robot_on, shared_twin
 
-"""On the published bounds, for a busy machine."""
+"""Added to the published bounds, for a busy machine."""
 
 
 @pytest.fixture(scope="module")
@@ -50,7 +50,7 @@ def reachy(twin: Twin, run_dir: Path) -> Iterator[RealRobot]:
 
 
 def move(reachy: RealRobot, twin: Twin, **action: float) -> int:
-    """Send it and see it on the wire; when."""
+    """Send an action and wait until it is on the wire. Return when it was sent."""
     armed(reachy)
     began_ns = time.monotonic_ns()
     json_of(reachy.send_action(action))
@@ -63,7 +63,7 @@ def ask(twin: Twin, target: str) -> Any:
 
 
 def stands(reachy: RealRobot) -> None:
-    time.sleep(0.1)  # it comes to where it was last told to be, and what is read is of a moment before
+    time.sleep(0.1)  # it reaches its last target, and a reading is a moment old
     before = reachy.get_observation()
     time.sleep(0.3)
     assert reachy.get_observation() == pytest.approx(before, abs=0.2)
@@ -73,7 +73,7 @@ def test_a_move_is_sent_once_and_arrives(reachy: RealRobot, twin: Twin) -> None:
     sent = json_of(reachy.send_action({"head_yaw": 30.0, "antenna_left": 60.0}))
     assert sent == {"sent": {"head_yaw": 30.0, "antenna_left": 60.0, "duration": 0.5}, "robot": "reachy_mini"}
     until(lambda: reachy.get_observation()["antenna_left"] > 59.5, "it is there")
-    time.sleep(1.2)  # a second writing would be here by now
+    time.sleep(1.2)  # a second write would be here by now
     assert [one.data.split()[1] for one in twin.log.host("setpoint")] == [p.GOTO.encode()]
     assert reachy.get_observation()["head_yaw"] == pytest.approx(30.0, abs=0.5)
 
@@ -105,7 +105,7 @@ def test_saf_005_a_stop_ends_the_move_where_it_is_and_no_other_follows(reachy: R
 
 
 def test_saf_005_a_stop_ends_what_another_client_began_too(reachy: RealRobot, twin: Twin) -> None:
-    """A move over ``/ws/sdk`` is in no list of the daemon's."""
+    """A move over ``/ws/sdk`` is in none of the daemon's lists."""
     with connect(f"ws://{twin.port}{p.SDK}", proxy=None, close_timeout=0.2) as other:
         other.send(json.dumps({"type": "goto_target", "antennas": [2.0, 2.0], "duration": 9.0}))
         until(lambda: reachy.get_observation()["antenna_left"] > 5.0, "it moves")
@@ -155,8 +155,7 @@ def test_a_move_that_is_ignored_for_one_in_no_list_is_told(reachy: RealRobot, tw
 
 
 def test_saf_010_a_move_that_waits_in_a_stopped_daemon_is_ended(reachy: RealRobot, twin: Twin) -> None:
-    """The daemon is stopped, a move is handed to its socket, the caller stops, the daemon goes
-    on."""
+    """The daemon is stopped with a move in its socket. The caller stops, then the daemon continues."""
     move(reachy, twin, antenna_left=3.0)
     twin.pause()
     reachy.send_action({"antenna_left": 120.0, "duration": 8.0})
@@ -178,7 +177,7 @@ def test_saf_010_a_move_that_waits_in_a_stopped_daemon_is_ended(reachy: RealRobo
 def test_saf_010_torque_that_waits_in_a_stopped_daemon_is_taken_away_again(
     reachy: RealRobot, twin: Twin, frozen_s: float
 ) -> None:
-    """The daemon is stopped, is asked to energise, and goes on after an e-stop."""
+    """The daemon is stopped, gets a request to energise, and continues after an e-stop."""
     json_of(reachy.motors(mode="disabled"))
     twin.pause()
     answers: list[Any] = []

@@ -1,5 +1,4 @@
-"""The twin's service as others see it, httpx and websockets; and what it does as the real daemon
-does."""
+"""Test the twin's service with httpx and websockets, and its likeness to the real daemon."""
 
 from __future__ import annotations
 
@@ -23,7 +22,7 @@ from tests.answers import until
 
 
 class Clock:
-    """Seconds that pass when a test says so."""
+    """A clock that the test advances."""
 
     def __init__(self) -> None:
         self.now_s = 0.0

@@ -1,4 +1,4 @@
-"""The Robotiq wire and its stop channel on the twin's gripper, in memory under virtual time."""
+"""The Robotiq wire and its stop channel on the twin's gripper, in memory and virtual time."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from tests.drivers.common.memory_port import MemoryPort, Permission
 
 
 class Rig:
-    """A wire on the twin's gripper, in memory. ``written``: kinds of what the gripper was told, in
+    """A wire on the twin's gripper, in memory. ``written`` has the kinds of the requests to the gripper, in
     order."""
 
     def __init__(self, options: dict[str, Any] | None = None, **bench: Any) -> None:
@@ -31,7 +31,7 @@ class Rig:
         self.ports: list[MemoryPort] = []
         self.written: list[str] = []
         self.questions = 0
-        self.silent_from: int | None = None  # the number of the first question that is not answered
+        self.silent_from: int | None = None  # number of the first request that is not answered
         self.delay_s: Callable[[int], float] = lambda _: 0.001
 
     async def connect(self, host: str, port: int) -> MemoryPort:

@@ -1,4 +1,4 @@
-"""The Robotiq wire is opened and armed, on the twin's gripper in memory under virtual time."""
+"""Test how the Robotiq wire is opened and armed, on the twin's gripper in memory and virtual time."""
 
 from __future__ import annotations
 
@@ -187,7 +187,7 @@ def test_a_stop_during_arming_wins(denied_at: int) -> None:
     virtual(main)
 
 
-# -- what it costs
+# -- its cost
 
 LEAN = """
 import sys

@@ -1,4 +1,4 @@
-"""Every refusal of the Robotiq driver, and that nothing else passes. All of it pure."""
+"""Test every refusal of the Robotiq driver, and that nothing else passes. No I/O."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The registers: the manual's own examples, and every bit there and back."""
+"""Test the registers: the manual's own examples, and every bit there and back."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A gripper on a serial line: its wire and stop channel in memory, then its whole tree on a pty."""
+"""Test a gripper on a serial line: its wire and stop channel in memory, then its whole tree on a pty."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ class Line:
 
         def peer(data: bytes) -> Iterable[tuple[float, bytes]]:
             now_s = trio.current_time()
-            if now_s < self.busy_until_s - 1e-9:  # both ends speak: neither is heard
+            if now_s < self.busy_until_s - 1e-9:  # both ends send at once, so neither is received
                 self.collisions += 1
                 return
             for exchange in session.receive(data, baud):
@@ -99,14 +99,14 @@ def test_it_opens_arms_and_moves() -> None:
 
 
 def test_saf_005_a_stop_waits_for_the_answer_on_its_way_and_is_read_back() -> None:
-    """Both ends share the line: what is said while the gripper answers is heard by nobody."""
+    """Both ends share the line. A request during an answer of the gripper is lost."""
 
     async def main() -> None:
         line = await Line().armed()
         await line.go(0.9, speed=0.0)
         await line.observe_for(0.5)
         with trio.move_on_after(0.001):
-            await line.wire.read()  # a stop ends it before the answer is there
+            await line.wire.read()  # a stop ends it before the answer arrives
         began_s = trio.current_time()
         written = len(line.ports[0].written)
         assert await line.wire.make_safe("hold") == (MotorReport("gripper", 9, True, True, True),)
@@ -140,8 +140,7 @@ def test_saf_005_a_stop_that_nobody_answers_is_written_all_the_same() -> None:
 
 @pytest.mark.parametrize("after_s", [0.07, 0.08, 0.09, 0.1, 0.11, 0.15])
 def test_saf_005_a_stop_to_a_gripper_that_is_heard_no_more_is_written_within_the_bound(after_s: float) -> None:
-    """It is asked first, and then reset: it may have been without power, and a hold would activate
-    it."""
+    """It is read first and then reset. It may have been without power, and a hold would activate it."""
 
     async def main() -> None:
         line = await Line().armed()
@@ -183,7 +182,7 @@ def test_a_late_answer_is_not_taken_for_the_next_one() -> None:
     async def main() -> None:
         line = await Line().armed()
         line.delay_s = 0.05
-        await line.wire.read()  # given up before it is there
+        await line.wire.read()  # given up before it arrives
         line.delay_s = ANSWERS_AFTER_S
         moved = await line.observe_for(0.5)
         assert moved.stamp_ns[0] > 0
@@ -215,7 +214,7 @@ def test_the_stop_channel_goes_on_with_the_port_of_the_wire_or_opens_it_anew() -
         assert len(line.ports) == 2
         (again,) = await channel.make_safe("hold")
         assert again.safe
-        assert len(line.ports) == 2  # kept: nobody else may take it
+        assert len(line.ports) == 2  # kept, so that no other process takes it
         channel.close()
         assert line.ports[1].closed
 

@@ -1,4 +1,4 @@
-"""The Robotiq wire and its stop channel stop the twin's gripper, in memory under virtual time."""
+"""Test how the Robotiq wire and its stop channel stop the twin's gripper, in memory and virtual time."""
 
 from __future__ import annotations
 
@@ -73,8 +73,8 @@ def test_a_stop_that_is_not_taken_is_not_called_success() -> None:
 @pytest.mark.parametrize("channel", ["wire", "root"])
 @pytest.mark.parametrize("echo_s", [0.0, 0.02])
 def test_saf_005_a_hold_is_not_confirmed_by_what_was_so_before_it(channel: str, echo_s: float) -> None:
-    """The setpoint is still on its way into the gripper, and the hold gets lost: it does not go yet,
-    and will."""
+    """The setpoint is still under way inside the gripper, and the hold gets lost. The gripper does not move
+    yet, but will."""
 
     async def main() -> None:
         rig = await Rig(echo_s=echo_s).armed()
@@ -123,7 +123,7 @@ def test_a_hold_is_confirmed_once_it_is_taken_up(channel: str, echo_s: float) ->
 
 
 def test_a_reset_that_is_not_taken_up_yet_is_followed_by_no_hold() -> None:
-    """To the gripper, a hold behind a reset is the rising edge that activates it."""
+    """A hold behind a reset is the rising edge that activates the gripper."""
 
     async def main() -> None:
         rig = Rig(activated=True, echo_s=0.08)
@@ -138,12 +138,12 @@ def test_a_reset_that_is_not_taken_up_yet_is_followed_by_no_hold() -> None:
     virtual(main)
 
 
-# -- a stop while it is not known what the gripper is
+# -- a stop in an unknown state of the gripper
 
 
 @pytest.mark.parametrize("away_s", [0.1, 0.15, 0.3, 0.45])
 def test_saf_005_a_stop_after_a_dip_of_the_supply_activates_nothing(away_s: float) -> None:
-    """What was read before says that it is activated: a hold would move its fingers."""
+    """An earlier reading shows it activated. A hold would move its fingers."""
 
     async def main() -> None:
         rig = await Rig(object_mm=42.5).armed()
@@ -184,8 +184,7 @@ def test_saf_005_a_stop_behind_a_lost_answer_asks_first_and_holds() -> None:
 
 
 def test_saf_005_a_gripper_that_hears_and_is_not_heard_is_stopped_within_the_bound() -> None:
-    """It may have been reset, so it is not told to hold; a reset stops its fingers, and activates
-    nothing."""
+    """It may have been reset, so a hold is not sent. A reset stops its fingers, and activates nothing."""
 
     async def main() -> None:
         rig = await Rig().armed()
@@ -225,7 +224,7 @@ def test_a_stop_without_a_connection_names_why() -> None:
 
 @pytest.mark.parametrize("number", range(3), ids=["noise", "a lost end", "a wrong byte"])
 def test_saf_005_a_stop_is_written_to_a_gripper_that_is_not_understood(number: int) -> None:
-    """Its connection is gone, over nonsense; and what it says on a new one is none the better."""
+    """Its connection ended over invalid answers, and its answers on a new one are invalid, too."""
 
     async def main() -> None:
         rig = await Rig().armed()
@@ -234,7 +233,7 @@ def test_saf_005_a_stop_is_written_to_a_gripper_that_is_not_understood(number: i
         rig.twin.set_fault(Fault.GARBAGE)
         rig.wire.close()
         rig.written.clear()
-        for _ in range(number):  # the next answer is damaged in the next way
+        for _ in range(number):  # each answer is damaged in another way
             rig.twin.faults.apply(Reply(0.0, b"answer"))
         (report,) = await rig.wire.reach("hold")
         assert rig.written[:1] == ["safe"]
@@ -245,8 +244,8 @@ def test_saf_005_a_stop_is_written_to_a_gripper_that_is_not_understood(number: i
 
 
 def test_saf_022_a_gripper_that_says_nothing_is_reset() -> None:
-    """It may have been without power: being told to hold would activate it, and moves its
-    fingers. A reset does not, and stops one that hears us and cannot be heard."""
+    """It may have been without power: a hold would activate it, which moves its fingers. A reset does not. It
+    also stops a gripper that receives us but whose answers are lost."""
 
     async def main() -> None:
         rig = await Rig().armed()
@@ -262,7 +261,7 @@ def test_saf_022_a_gripper_that_says_nothing_is_reset() -> None:
 
 
 def test_a_gripper_that_answers_again_is_held_by_what_it_says() -> None:
-    """Without power meanwhile, it is not activated by a stop."""
+    """If it was without power in the meantime, a stop does not activate it."""
 
     async def main() -> None:
         rig = await Rig().armed()

@@ -1,5 +1,4 @@
-"""A gripper's whole tree on its twin: real processes, real sockets, judged by what the twin
-heard."""
+"""Test a gripper's whole tree on its twin: real processes and real sockets. The twin's log decides."""
 
 from __future__ import annotations
 
@@ -25,7 +24,7 @@ from tests.drivers.common.twin_process import TwinProcess
 
 STATUS_WITHIN_S = 0.5
 STOP_WITHIN_S = 3.0
-"""Generous: a busy machine runs this. What is published is measured elsewhere."""
+"""Generous, for a busy machine. The published bound is measured elsewhere."""
 
 SLOWLY = {"gripper": 0.9, "speed": 0.0}
 """Takes 3.6 s."""
@@ -40,7 +39,7 @@ def twin(tmp_path: Path) -> Iterator[TwinProcess]:
 
 @pytest.fixture
 def gripper(twin: TwinProcess) -> Iterator[RealRobot]:
-    """Not connected yet."""
+    """Yield a robot that is not connected yet."""
     robot = Robot("robotiq_2f85", mode="real", port=twin.port)
     yield robot
     twin.process.send_signal(signal.SIGCONT)
@@ -54,7 +53,7 @@ def armed(gripper: RealRobot) -> RealRobot:
 
 
 def status(robot: RealRobot) -> dict[str, Any]:
-    """Whatever happens, somebody answers."""
+    """Return the status. The tree always has to answer."""
     began_s = time.monotonic()
     json = json_of(robot.get_status())
     assert time.monotonic() - began_s < STATUS_WITHIN_S
@@ -71,13 +70,13 @@ def until_state(robot: RealRobot, *wanted: str) -> None:
 
 
 def move(robot: RealRobot, closed: float) -> None:
-    """Fast, and wait until it is there."""
+    """Move fast, and wait until it has arrived."""
     assert json_of(robot.send_action({"gripper": closed}))["gripper"] == closed
     until(lambda: abs(robot.get_observation().get("gripper", 9.0) - closed) < 0.01, f"it is at {closed}")
 
 
 def works_again(robot: RealRobot, twin: TwinProcess, since_ns: int) -> None:
-    """What was lost while it moved: held first, moved by nobody, then by whom resumes."""
+    """Assert the recovery after a loss in motion: it is held first, stays still, and moves after a resume."""
     until_state(robot, "disarmed")
     log = WireLog(twin.log_path)
     assert log.host("safe", since_ns)
@@ -114,7 +113,7 @@ def test_connect_observe_act_refuse_stop_resume(tmp_path: Path, monkeypatch: pyt
             "aperture_mm": 34.0,
             "speed": 255,
             "force": 51,
-            "holding": None,  # it was just armed: nothing was asked of it yet
+            "holding": None,  # it was just armed, so it has no command yet
         }
         until(lambda: robot.get_observation()["gripper.pos"] == pytest.approx(0.6), "it is there")
         until(lambda: status(robot)["holding"] is False, "nothing is held")
@@ -204,7 +203,7 @@ def test_the_cable_is_pulled_and_put_back(armed: RealRobot, twin: TwinProcess) -
 
 
 def test_the_power_is_cut(armed: RealRobot, twin: TwinProcess) -> None:
-    """Back with new registers, it is not activated, nor made so by a re-sent command."""
+    """It comes back with new registers. It is not activated, and a re-sent command does not activate it."""
     json_of(armed.send_action(SLOWLY))
     since_ns = time.monotonic_ns()
     twin.command("power-cycle")

@@ -1,5 +1,4 @@
-"""The Robotiq twin: its gripper in virtual time, then its process with an unmodified pymodbus
-client."""
+"""Test the Robotiq twin: its gripper in virtual time, then its process with an unmodified pymodbus client."""
 
 from __future__ import annotations
 
@@ -35,7 +34,7 @@ class Bench:
         self.gripper = Gripper(Setup.from_table(TABLES.table("robotiq_2f85"), **bench), lambda: self.now_s)
 
     def after(self, seconds: float) -> p.Status:
-        """As a client that looks at the gripper at 50 Hz."""
+        """Let time pass, as with a client that reads the gripper at 50 Hz."""
         for _ in range(round(seconds * 50)):
             self.now_s += 0.02
             self.gripper.hear()
@@ -152,7 +151,7 @@ def test_a_pause_of_the_process_is_not_caught_up() -> None:
     assert bench.gripper.status().position < 100
 
 
-# -- what it says
+# -- its reports
 
 
 def test_off_forgets_and_stuck_feels_nothing() -> None:
@@ -301,7 +300,7 @@ def test_a_pulled_cable_ends_connections_and_refuses_new_ones(twin: TwinProcess,
         except ConnectionRefusedError:
             return True
         except ConnectionResetError:
-            pass  # it was let in just before
+            pass  # it was accepted just before
         return False
 
     twin.command("unplug")
@@ -344,7 +343,7 @@ def test_a_delayed_answer_comes_late_under_its_own_number(twin: TwinProcess) -> 
     with socket.create_connection(address(twin), PATIENCE_S) as one:
         question = bytes.fromhex("0001 0000 0006 09 04 07d0 0003")
         late_s = 0.0
-        while late_s < 0.06:  # the control line may be read after the first question
+        while late_s < 0.06:  # the control line may be read after the first request
             began_s = time.monotonic()
             one.sendall(question)
             assert one.recv(64)[:2] == b"\0\1"

@@ -1,5 +1,5 @@
-"""Clients that others wrote, unmodified, on the twin: pyRobotiqGripper on a serial port and on RTU
-frames over TCP, pyrobotiqur on the text port of the URCap."""
+"""Test third-party clients, unmodified, on the twin: pyRobotiqGripper on a serial port and on RTU frames over
+TCP, pyrobotiqur on the text port of the URCap."""
 
 from __future__ import annotations
 
@@ -71,7 +71,7 @@ def test_py_robotiq_gripper_moves_it(tmp_path: Path, clients: Path, framing: str
         assert there == pytest.approx(128, abs=2)
         assert stopped == again
         functions = {bytes.fromhex(frame)[1] for _, frame in twin.logged("host")}
-        assert 23 in functions  # writes and reads at once
+        assert 23 in functions  # writes and reads in one request
         assert {"setpoint", "safe", "read"} <= set(kinds_of(twin))
         assert WireLog(twin.log_path).host("safe")
 

@@ -1,4 +1,4 @@
-"""The Robotiq wire moves and reads, on the twin's gripper in memory under virtual time."""
+"""Test how the Robotiq wire moves and reads, on the twin's gripper in memory and virtual time."""
 
 from __future__ import annotations
 
@@ -78,7 +78,7 @@ def test_a_write_stops_at_the_permit() -> None:
 
 
 def test_a_gripper_that_was_reset_is_never_told_to_go() -> None:
-    """A setpoint has rACT set: it would activate the gripper, through its whole stroke."""
+    """A setpoint has rACT set. It would activate the gripper, which moves through its whole stroke."""
 
     async def main() -> None:
         rig = await Rig().armed()
@@ -99,7 +99,7 @@ def test_a_gripper_that_was_reset_is_never_told_to_go() -> None:
 
 @pytest.mark.parametrize("away_s", [0.1, 0.15, 0.3, 0.45])
 def test_a_supply_that_dips_in_the_middle_of_a_stream_activates_nothing(away_s: float) -> None:
-    """What was read before the dip says that it is activated. The object stays in its grip."""
+    """The reading from before the dip shows it activated. The object stays in its grip."""
 
     async def main() -> None:
         rig = await Rig(object_mm=42.5).armed()
@@ -160,7 +160,7 @@ def test_a_setpoint_behind_a_lost_answer_asks_first_and_leaves() -> None:
 
 
 def test_a_setpoint_behind_a_late_answer_waits_for_that() -> None:
-    """Every answer takes 60 ms: what is asked anew would come too late, what is owed does not."""
+    """Every answer takes 60 ms. A new request would be answered too late, the pending one is not."""
 
     async def main() -> None:
         rig = await Rig().armed()
@@ -194,8 +194,7 @@ def test_a_target_that_somebody_else_changes_is_told() -> None:
 
 @pytest.mark.parametrize("late", range(1, 20))
 def test_one_late_answer_shifts_nothing(late: int) -> None:
-    """The reference never came back from it: every command and every stop was refused from then
-    on."""
+    """An earlier version never recovered from it: it refused every command and every stop from then on."""
 
     async def main() -> None:
         rig = Rig(activated=True)

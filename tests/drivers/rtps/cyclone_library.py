@@ -1,8 +1,8 @@
-"""CycloneDDS's C library, as it is in the package that Unitree's users install: cyclonedds 0.10.2.
+"""CycloneDDS's C library from the package that Unitree's users install: cyclonedds 0.10.2.
 
-That package has wheels up to Python 3.10 only, but the library in it needs no Python. It is fetched
-once by pip, checked against a hash, and kept beside the interpreter. ``STRANDS_ACTORS_LIBDDSC``
-names another to use instead.
+That package has wheels up to Python 3.10 only, but its library needs no Python. It is downloaded once by pip,
+checked against a hash, and kept next to the interpreter. ``STRANDS_ACTORS_LIBDDSC`` names another library to
+use instead.
 """
 
 from __future__ import annotations
@@ -21,7 +21,11 @@ KEPT = Path(sys.prefix) / "share" / "strands-actors" / "cyclonedds-0.10.2" / "li
 
 
 def library() -> Path:
-    """Raise ``RuntimeError`` when it cannot be had."""
+    """Return the library's path.
+
+    Raises:
+        RuntimeError: It is not available.
+    """
     if given := os.environ.get("STRANDS_ACTORS_LIBDDSC"):
         return Path(given)
     if not KEPT.exists():

@@ -1,13 +1,12 @@
-"""Unitree's own kind of DDS at the other end: CycloneDDS 0.10, a process of its own, driven by
-lines of JSON.
+"""Run a peer with the DDS of Unitree's robots: CycloneDDS 0.10 in a separate process, controlled by lines of
+JSON.
 
-    python cyclone_peer.py LIBRARY '{"domain": 78, "config": XML, "reliable": true, "reads": [...],
-    ...}'
+    python cyclone_peer.py LIBRARY '{"domain": 78, "config": XML, "reliable": true, "reads": [...], ...}'
 
-A sample is the C struct, as hexadecimal digits, or the fields of a request or a response; a request is answered
-with its text in capitals. The C library is called directly: its Python package has no wheel for our interpreters.
-What the types look like stands in ``cyclone_types.json``, made by CycloneDDS's idlc 0.10.2 from Unitree's
-definitions, type information included: a robot sends it, too.
+A sample is the C struct in hexadecimal digits, or the fields of a request or a response. The peer answers a
+request with its text in capitals. It calls the C library directly, since its Python package has no wheel for
+our interpreters. ``cyclone_types.json`` has the layout of the types. CycloneDDS's idlc 0.10.2 made it from
+Unitree's definitions, with the type information that a robot sends, too.
 """
 
 from __future__ import annotations
@@ -121,7 +120,8 @@ class Peer:
         return value
 
     def close(self) -> None:
-        """Returns when all is said; without the domain the goodbye is left to a thread."""
+        """Close the domain. This returns when everything is sent. Without closing the domain a thread would
+        send the goodbye."""
         self._check(self.dds.dds_delete(self.domain))
 
     def matched(self, topic: str) -> int:
@@ -133,7 +133,7 @@ class Peer:
         self._check(self.dds.dds_write(self.writers[topic], c.c_char_p(image)))
 
     def take(self, topic: str) -> Iterator[bytes]:
-        """The C structs of what has come, as long as the caller does not ask for the next."""
+        """Yield the C structs of the samples. Each is valid until the next one is requested."""
         reader, size = self.readers[topic], TYPES[TOPICS[topic]]["size"]
         samples = (c.c_void_p * _BATCH)()
         infos = (_SampleInfo * _BATCH)()
@@ -150,7 +150,7 @@ def text_at(address: int) -> str:
 
 
 def request(number: int, api: int, text: str) -> tuple[bytes, list[object]]:
-    """The C struct, and what it points to."""
+    """Return the C struct, and the objects to which it points."""
     held = c.create_string_buffer(text.encode())
     return REQUEST.pack(number, api, 0, 0, False, c.addressof(held), 0, 0, 0, False), [held]
 

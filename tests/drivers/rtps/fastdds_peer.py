@@ -1,8 +1,8 @@
-"""Fast DDS at the other end: Booster's own client, a process of its own.
+"""Run a peer with Fast DDS: Booster's own client, in a separate process.
 
     python fastdds_peer.py DOMAIN
 
-Reads the low state, calls two services, sends commands; says in lines of JSON what came of it, then
+It reads the low state, calls two services and sends commands. It prints the results as lines of JSON, then
 ends.
 """
 
@@ -29,7 +29,7 @@ def main(domain: int) -> None:
     enough = threading.Event()
 
     def on_state(state: booster.LowState) -> None:
-        # The object is valid in here only.
+        # The object is valid only within this callback.
         heard.append([motor.q for motor in state.motor_state_serial])
         if len(heard) == STATES:
             enough.set()
@@ -42,7 +42,7 @@ def main(domain: int) -> None:
     client = booster.B1LocoClient()
     client.Init()
     say(states=heard[:STATES] if enough.wait(PATIENCE_S) else None)
-    client.ChangeMode(booster.RobotMode.kWalking)  # raises when it is not answered
+    client.ChangeMode(booster.RobotMode.kWalking)  # raises without an answer
     say(mode=int(client.GetMode().mode))
     command = booster.LowCmd()
     command.cmd_type = booster.LowCmdType.SERIAL
@@ -51,7 +51,7 @@ def main(domain: int) -> None:
         command.motor_cmd_at(3).q = number / 16
         commands.Write(command)
     say(written=COMMANDS)
-    sys.stdin.read()  # end when told to: what is on its way belongs to the test
+    sys.stdin.read()  # the test decides when it ends, because of the messages under way
     os._exit(0)
 
 

@@ -1,5 +1,4 @@
-"""Two participants without sockets, in virtual time, with a network between them that a test may
-disturb."""
+"""Two participants without sockets, in virtual time, with a network between them that a test may disturb."""
 
 from __future__ import annotations
 
@@ -20,7 +19,7 @@ TRAVEL_NS = 100_000
 A, B, C = "10.0.0.1", "10.0.0.2", "10.0.0.3"
 
 Fate = Callable[[bytes], Iterable[tuple[int, bytes]]]
-"""What becomes of a datagram: (delay in ns, bytes) for everything that arrives."""
+"""The fate of a datagram: delay in ns and bytes of everything that arrives."""
 
 
 def undisturbed(datagram: bytes) -> Iterable[tuple[int, bytes]]:
@@ -28,7 +27,7 @@ def undisturbed(datagram: bytes) -> Iterable[tuple[int, bytes]]:
 
 
 class Network:
-    """Carries datagrams between engines. A receiver sees a buffer that is used again afterwards."""
+    """Carries datagrams between engines. A receiver gets a buffer that is reused afterwards."""
 
     def __init__(self) -> None:
         self.now_ns = 0
@@ -80,7 +79,7 @@ class Network:
 
 
 class Log:
-    """What a reader was handed: copies, in order."""
+    """The samples that a reader received: copies, in order."""
 
     def __init__(self) -> None:
         self.payloads: list[bytes] = []
@@ -100,7 +99,7 @@ def payloads(*numbers: int) -> list[bytes]:
 
 
 class Pair:
-    """A writes ``rt/t`` to B."""
+    """Participants A and B. A writes ``rt/t`` to B."""
 
     def __init__(
         self, reliable: bool = True, transient_local: bool = False, depth: int = 8, lease_s: float = 10.0
@@ -127,15 +126,18 @@ _NAME = struct.Struct("<16sII")
 
 
 def sample(topic: str, number: int, size: int = 64) -> bytes:
-    """A payload that says what it is: encapsulation, topic, number, filling, checksum."""
+    """Return a payload that identifies itself: encapsulation, topic, number, filling, checksum."""
     body = _NAME.pack(topic.encode(), number, size) + bytes(number + at & 0xFF for at in range(min(size, 64)))
     body += bytes(max(0, size - 64))
     return HEAD + body + zlib.crc32(body).to_bytes(4, "little")
 
 
 def number_of(payload: bytes, topic: str) -> int | None:
-    """The number of an intact sample; None when the checksum says it is damaged. Raise
-    ``AssertionError`` when it is an intact sample of another topic."""
+    """Return the number of an intact sample; None if the checksum does not match.
+
+    Raises:
+        AssertionError: It is an intact sample of another topic.
+    """
     if len(payload) < 4 + _NAME.size + 4:
         return None
     name, number, size = _NAME.unpack_from(payload, 4)

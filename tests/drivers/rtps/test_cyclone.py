@@ -1,4 +1,4 @@
-"""CycloneDDS 0.10 at the other end, with Unitree's types and the type information a robot sends."""
+"""Test CycloneDDS 0.10 as the peer, with Unitree's types and the type information that a robot sends."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from .cyclone_library import library
 from .cyclone_peer import TOPICS
 
 PATIENCE_S = 30.0
-DOMAIN = 100 + os.getpid() % 50  # two runs of these tests on one machine do not meet
+DOMAIN = 100 + os.getpid() % 50  # two runs of these tests on one machine use different domains
 OURS = "127.0.0.40"
 COMMAND, STATE, REQUEST, RESPONSE = TOPICS
 HEAD = b"\x00\x01\x00\x00"
@@ -37,11 +37,11 @@ CONFIG = """
 """
 
 
-# Layouts: Unitree's, by facts of their own (not by what this project encodes and decodes).
+# Unitree's layouts, from independent sources and not from this project's codec.
 
 
 def command_image(cdr: bytes) -> bytes:
-    """The C struct of a LowCmd: the padding that CDR leaves out before the first motor."""
+    """Return the C struct of a LowCmd, with the padding that CDR leaves out before the first motor."""
     return cdr[0:2] + bytes(2) + cdr[2:3] + bytes(3) + cdr[4:]
 
 
@@ -81,7 +81,7 @@ def response(number: int, api: int, code: int, data: str) -> bytes:
 
 
 def parsed(payload: bytes) -> tuple[int, int, int, str]:
-    """Id, api id, code, text of a response."""
+    """Return id, api id, code and text of a response."""
     number, api, code, length = struct.unpack_from("<qqiI", payload, 4)
     return number, api, code, payload[28 : 27 + length].decode()
 
@@ -139,7 +139,7 @@ async def cyclone(multicast: bool, **options: object) -> AsyncIterator[Cyclone]:
             yield peer
             assert process.stdin is not None
             await process.stdin.aclose()
-            assert await process.wait() == 0  # a crash of the peer is our fault, too
+            assert await process.wait() == 0  # a crash of the peer counts as our fault, too
         finally:
             process.kill()
             with trio.CancelScope(shield=True):
@@ -170,15 +170,14 @@ def run(main: Callable[[], Any]) -> None:
         with trio.fail_after(PATIENCE_S):
             await main()
 
-    library()  # fetched before the clock runs
+    library()  # downloaded before the clock runs
     trio.run(bounded)
 
 
 @pytest.mark.parametrize("multicast", [True, False])
 @pytest.mark.parametrize(("reliable", "transient_local"), [(False, False), (True, False), (True, True)])
 def test_our_driver_and_a_cyclone_robot(multicast: bool, reliable: bool, transient_local: bool) -> None:
-    """LowCmd and a request from us, LowState (which Cyclone sends in fragments) and the response to
-    us."""
+    """We send LowCmd and a request. Cyclone sends LowState, in fragments, and the response."""
     qos = {"reliable": reliable, "transient_local": transient_local}
     commands, states = [low_command(number) for number in range(20)], [low_state(number) for number in range(20)]
 
@@ -206,7 +205,7 @@ def test_our_driver_and_a_cyclone_robot(multicast: bool, reliable: bool, transie
 
 @pytest.mark.parametrize("reliable", [False, True])
 def test_our_robot_and_a_cyclone_driver(reliable: bool) -> None:
-    """The other way round: what our twins do."""
+    """The reverse, as our twins do."""
     commands, states = [low_command(number) for number in range(20)], [low_state(number) for number in range(20)]
 
     async def main() -> None:
@@ -220,7 +219,7 @@ def test_our_robot_and_a_cyclone_driver(reliable: bool) -> None:
                 transient_local=False,
             ) as driver,
         ):
-            # A robot offers reliable, whatever is asked for; it takes commands as they are offered.
+            # A robot offers reliable in any case. It accepts commands as they are offered.
             ours = Robotics(participant, [STATE, RESPONSE], [], reliable=True)
             asked = Robotics(participant, [], [COMMAND, REQUEST], reliable=reliable)
             await ours.matched(participant)
@@ -243,7 +242,7 @@ def test_our_robot_and_a_cyclone_driver(reliable: bool) -> None:
 
 
 def test_a_reliable_reader_does_not_match_our_best_effort_writer() -> None:
-    """Both sides agree that it does not fit; ours says why."""
+    """Both sides find that they do not match; ours gives the reason."""
 
     async def main() -> None:
         async with (
@@ -266,7 +265,7 @@ def test_a_peer_that_ends_in_order_is_forgotten_at_once() -> None:
             state = participant.reader(STATE, TOPICS[STATE], lambda *_: None)
             async with cyclone(False, reads=[], writes=[STATE], reliable=False, transient_local=False):
                 await participant.wait_matched(state)
-            # It has ended in order; no lease is waited for (Cyclone's is 10 s).
+            # It has ended in order, so no lease has to expire (Cyclone's is 10 s).
             with trio.fail_after(5.0):
                 while participant.peers:  # noqa: ASYNC110
                     await trio.sleep(0.01)

@@ -1,4 +1,4 @@
-"""Participants in virtual time: what is delivered, what is asked for again, what is given up."""
+"""Test two participants in virtual time: what is delivered, requested again, and given up."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ def test_what_was_lost_is_asked_for_again_and_delivered_in_order() -> None:
     pair.write(2, 3)
     pair.network.fate = undisturbed
     pair.write(4)
-    pair.network.run(0.0005)  # one round trip: the heartbeat that came with 4 said so
+    pair.network.run(0.0005)  # one round trip, since the heartbeat came with sample 4
     assert pair.log.payloads == payloads(1, 2, 3, 4)
 
 
@@ -64,7 +64,7 @@ def test_the_last_sample_is_not_lost_either() -> None:
     pair.network.keep_sent = True
     pair.network.run(0.2)
     to = {address for _, address in pair.network.sent}
-    assert to == {(A, 7410), (B, 7410)}  # all is acknowledged: they announce themselves, no more
+    assert to == {(A, 7410), (B, 7410)}  # everything is acknowledged, so they only announce themselves
 
 
 def test_what_fell_out_of_the_history_is_given_up() -> None:
@@ -81,8 +81,7 @@ def test_what_fell_out_of_the_history_is_given_up() -> None:
 
 @pytest.mark.parametrize("transient_local", [False, True])
 def test_a_late_reader_gets_old_samples_only_if_both_want_it(transient_local: bool) -> None:
-    """A command that was written before somebody listened must not be executed when he begins
-    to."""
+    """A command that was written before a reader existed must not be executed when it appears."""
     pair = Pair(transient_local=transient_local, depth=3)
     pair.write(1, 2, 3, 4, then_s=1.0)
     pair.read()
@@ -107,8 +106,8 @@ def test_a_late_reader_that_asks_for_what_is_not_its_business_gets_a_gap() -> No
 
 
 def test_a_reader_that_forgot_the_writer_gets_nothing_twice() -> None:
-    """A driver frozen for longer than its lease: the robot forgets it, meets it anew, must repeat
-    nothing."""
+    """A driver was frozen for longer than its lease. The robot forgets it and discovers it again. No sample may
+    be repeated."""
     pair = Pair(lease_s=3.0)
     pair.read()
     pair.write(1, 2, then_s=0.1)

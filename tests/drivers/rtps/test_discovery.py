@@ -1,4 +1,4 @@
-"""Participants in virtual time: who finds whom, who is believed, who is forgotten."""
+"""Test discovery between participants in virtual time: which peers are found, accepted and forgotten."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def test_only_topics_asked_for_are_heard() -> None:
     pair.read()
     stranger, log = pair.a.writer("rt/other", "T_", False, False, 8), Log()
     pair.network.run(0.2)
-    # Addressed to nobody in particular and sent to B all the same: a shared locator does that.
+    # It has no particular addressee, and still arrives at B, as through a shared locator.
     sent = messages.data(wire_types.UNKNOWN, stranger.data.guid[12:], 1, payloads(7)[0])
     pair.network.arrive(A, (B, 7411), messages.header(pair.a.data.prefix) + sent)
     pair.network.run(0.1)
@@ -66,8 +66,7 @@ def test_other_types_do_not_match_and_it_is_said_why() -> None:
 
 
 def test_who_does_not_know_of_us_is_not_matched() -> None:
-    """B has announced its reader, and does not hear of A's writer: what A wrote now, B would not
-    take."""
+    """B has announced its reader but does not know A's writer. B would not accept A's samples now."""
     pair = Pair(reliable=False)
     pair.reader = pair.b.reader("rt/t", "T_", False, False, pair.log)
     from_a = pair.a.data.prefix
@@ -92,8 +91,8 @@ def test_a_reliable_reader_that_was_never_heard_is_asked_again() -> None:
 
 
 def is_acknack_of(datagram: bytes, reader: bytes) -> bool:
-    """Whether it has an ACKNACK of this reader."""
-    to = datagram[24:36] if datagram[20] == 0x0E else bytes(12)  # as whom it is addressed to hears it
+    """Return True if the datagram has an ACKNACK of this reader."""
+    to = datagram[24:36] if datagram[20] == 0x0E else bytes(12)  # decoded as its addressee
     parts = messages.decode(memoryview(datagram), to)
     return any(isinstance(part, messages.AckNack) and part.reader[12:] == reader for part in parts)
 
@@ -149,7 +148,7 @@ def test_nobody_speaks_for_another() -> None:
     ):
         pair.network.arrive(A, (B, 7410), messages.header(prefix) + submessage)
     pair.network.run(0.1)
-    assert pair.b.counters.malformed == 2  # a goodbye in another's name is only ignored
+    assert pair.b.counters.malformed == 2  # a goodbye in another participant's name is only ignored
     assert (pair.b.peers, pair.reader.matched) == (1, 1)
     assert writer.guid not in pair.b._matching.hearing
 
@@ -204,7 +203,7 @@ def test_tables_are_bounded() -> None:
         matching.learn_writer(EndpointData(guid, f"rt/{number}", "T_", False, 0, ()))
     assert len(matching._remote_writers) == MAX_ENDPOINTS
     assert pair.reader.matched == 1
-    # One of a topic of ours always has room.
+    # An endpoint of one of our topics always has room.
     guid = pair.a.data.prefix + b"last"
     assert matching.learn_writer(EndpointData(guid, "rt/t", "T_", True, 0, ()))
     assert len(matching._remote_writers) == MAX_ENDPOINTS

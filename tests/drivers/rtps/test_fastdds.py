@@ -1,5 +1,4 @@
-"""Fast DDS at the other end: Booster's client, unchanged, finds our participant, reads, calls,
-writes."""
+"""Test Fast DDS as the peer: Booster's unmodified client finds our participant, reads, calls and writes."""
 
 from __future__ import annotations
 
@@ -16,7 +15,7 @@ import trio
 from strands_actors.drivers.common.rtps import open_participant
 
 PATIENCE_S = 60.0  # its constructor alone takes seconds
-DOMAIN = 150 + os.getpid() % 50  # two runs of these tests on one machine do not meet
+DOMAIN = 150 + os.getpid() % 50  # two runs of these tests on one machine use different domains
 DATA, RPC = "booster_interface::msg::dds_::", "booster_msgs::msg::dds_::"
 HEAD = b"\x00\x01\x00\x00"
 MOTORS = 23
@@ -46,7 +45,7 @@ def texts(payload: bytes) -> list[str]:
 
 
 class Robot:
-    """What of a T1 its client needs: modes, and a list of the commands it was given."""
+    """The parts of a T1 that its client needs: modes, and a list of the received commands."""
 
     def __init__(self) -> None:
         self.mode = 1

@@ -1,5 +1,5 @@
-"""SAF-025 on DDS: what a peer sends costs a bounded time, and grows nothing. Counts alone: how long a
-part takes is not asserted."""
+"""SAF-025 on DDS: test that a peer's datagrams take bounded time, and that nothing grows. Only counts are
+asserted, not times."""
 
 from __future__ import annotations
 
@@ -20,11 +20,11 @@ from strands_actors.kernel.clock import MonotonicClock
 from .pair import A, B, Log, Pair, payloads
 
 PARTS = 200
-"""Of a datagram."""
+"""Submessages of one datagram."""
 
 
 def settled(reliable: bool = True) -> Pair:
-    """Return two that know each other, and have nothing to say."""
+    """Return two participants that know each other and have nothing to send."""
     pair = Pair(reliable)
     pair.read()
     pair.network.run(0.5)
@@ -33,19 +33,19 @@ def settled(reliable: bool = True) -> Pair:
 
 
 def told(pair: Pair, *parts: bytes) -> int:
-    """Tell B something in the name of A, in one datagram. Return what that has cost."""
+    """Deliver a datagram in the name of A to B. Return its cost."""
     datagram = memoryview(messages.header(pair.a.data.prefix) + b"".join(parts))
     return pair.b.receive(datagram, (A, 7410), pair.network.now_ns)
 
 
 def endpoint(pair: Pair, number: int, kind: int, topic: str, port: int = 7411) -> bytes:
-    """Return what A says of one more reader or writer of its own."""
+    """Return A's announcement of one more reader or writer."""
     guid = pair.a.data.prefix + number.to_bytes(3, "big") + bytes((kind,))
     return discovery.encode_endpoint(EndpointData(guid, topic, "T_", False, 0, ((A, port),)))
 
 
 def test_saf_025_a_datagram_full_of_questions_is_answered_once() -> None:
-    """Each would be answered by a datagram, or by every sample that is kept."""
+    """Otherwise each would be answered by a datagram, or by every sample that is kept."""
     pair = Pair()
     pair.read()
     pair.network.run(0.3)
@@ -69,7 +69,7 @@ def test_saf_025_a_datagram_of_more_parts_than_any_has_is_refused_at_once() -> N
 
 
 def test_saf_025_what_is_left_out_of_a_datagram_has_cost_something_all_the_same() -> None:
-    """A turn that counts answers only would take a hundred such datagrams."""
+    """A turn that counted only answers would process a hundred such datagrams."""
     pair = settled()
     writer = pair.writer.data.guid
     beat = messages.heartbeat(wire_types.UNKNOWN, writer[12:], 1, 9, 1000, final=True)
@@ -122,7 +122,7 @@ def test_saf_025_of_one_datagram_so_many_parts_are_heard_and_the_rest_comes_agai
 
 @pytest.mark.parametrize("reads", [True, False])
 def test_saf_025_an_endpoint_is_matched_with_so_many_of_a_peer_and_no_more(reads: bool) -> None:
-    """Else each sample would leave a thousand times, to wherever the peer says."""
+    """Otherwise each sample would be sent a thousand times, to any address that the peer names."""
     pair = settled(reliable=False)
     ours = pair.b.writer("rt/back", "T_", False, False, 1)
     heard = pair.b.reader("rt/forth", "T_", False, False, lambda *_: None)
@@ -147,7 +147,7 @@ def goodbye(pair: Pair) -> bytes:
 
 
 def test_saf_022_a_stop_is_sent_to_where_the_last_reader_was() -> None:
-    """Who says that it has gone may be there all the same. Nothing else is sent there."""
+    """A reader that has announced its end may still exist. Only a stop is sent there."""
     pair = settled(reliable=False)
     log = Log()
     ours = pair.b.writer("rt/back", "T_", False, False, 1)
@@ -167,7 +167,7 @@ def test_saf_022_a_stop_is_sent_to_where_the_last_reader_was() -> None:
 
 
 def test_saf_022_a_peer_that_is_another_one_is_still_told_a_stop() -> None:
-    """It is reached where it is now, without having said again what it reads."""
+    """The stop goes to the peer's present address, although it has not announced its readers again."""
     pair = settled(reliable=False)
     log = Log()
     ours = pair.b.writer("rt/back", "T_", False, False, 1)
@@ -183,7 +183,7 @@ def test_saf_022_a_peer_that_is_another_one_is_still_told_a_stop() -> None:
 
 
 class _Socket:
-    """Has always something more; each datagram takes so long."""
+    """A socket that always has another datagram. Each takes ``cost_ns``."""
 
     def __init__(self, clock: _Clock, cost_ns: int) -> None:
         self.clock, self.cost_ns, self.reads = clock, cost_ns, 0

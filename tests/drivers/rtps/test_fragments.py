@@ -1,4 +1,4 @@
-"""Samples that are longer than a datagram."""
+"""Test samples that are longer than a datagram."""
 
 from __future__ import annotations
 

@@ -1,8 +1,7 @@
-"""Two participants and a network that loses, repeats, reorders, truncates, damages and invents
-datagrams.
+"""Test two participants on a network that loses, repeats, reorders, truncates, damages and invents datagrams.
 
-``STRANDS_ACTORS_FUZZ`` is how many disturbed datagrams each test takes,
-``STRANDS_ACTORS_RTPS_SEED`` where it begins.
+``STRANDS_ACTORS_FUZZ`` is the number of disturbed datagrams in each test, ``STRANDS_ACTORS_RTPS_SEED`` the
+first seed.
 """
 
 from __future__ import annotations
@@ -33,8 +32,8 @@ LARGE_BYTES = 40_000
 
 
 class Talk:
-    """A writes three topics, B reads them: best effort, reliable, reliable in fragments. Strangers
-    at first."""
+    """A writes three topics and B reads them: best effort, reliable, and reliable in fragments. They start as
+    strangers."""
 
     def __init__(self, seed: int) -> None:
         self.random = random.Random(seed)
@@ -49,7 +48,7 @@ class Talk:
             reliable = topic != FAST
             self.writers[topic] = self.a.writer(topic, type_name, reliable, False, 400)
             self.b.reader(topic, type_name, reliable, False, self.logs[topic])
-        # Something goes the other way, too: B's own writer must survive what A is told.
+        # There is traffic in the other direction, too: B's own writer must survive the datagrams for A.
         self.back = self.b.writer("rt/back", "t::Back_", True, False, 8)
         self.a.reader("rt/back", "t::Back_", True, False, Log())
 
@@ -99,8 +98,8 @@ def _is_bounded(engine: Engine) -> bool:
 
 
 def test_a_bad_network_costs_time_but_no_sample_and_no_order() -> None:
-    """Loss, repetition, reordering, truncation, noise: what a network may do to datagrams whose
-    checksum holds."""
+    """The network loses, repeats, reorders and truncates datagrams and adds noise. This may happen to datagrams
+    with a valid checksum."""
     talk = Talk(SEED)
 
     def fate(datagram: bytes) -> Iterable[tuple[int, bytes]]:
@@ -124,7 +123,7 @@ def test_a_bad_network_costs_time_but_no_sample_and_no_order() -> None:
     while talk.disturbed < DISTURBED:
         talk.step()
         if talk.writers[SURE].unacknowledged > 300 or talk.writers[LARGE].unacknowledged > 20:
-            talk.network.run(0.2)  # a writer that outruns its own history loses by right
+            talk.network.run(0.2)  # a writer that outruns its own history may lose samples
         assert talk.is_bounded()
     talk.network.fate = undisturbed
     talk.network.run(2.0)
@@ -138,14 +137,12 @@ def test_a_bad_network_costs_time_but_no_sample_and_no_order() -> None:
 
 
 EPISODE = 500
-"""Disturbed datagrams before both begin anew: one with a senseless number may deafen a reader until
-then."""
+"""Disturbed datagrams before both start again. One with a senseless number may deafen a reader until then."""
 
 
 def test_damaged_and_forged_datagrams_never_raise_and_never_make_a_sample() -> None:
-    """Bytes changed, datagrams spliced, valid submessages with senseless numbers in a peer's name.
-    A damaged payload in an intact frame is the business of the robot's own checksum; nothing else
-    may come of it."""
+    """Bytes are changed, datagrams spliced, and valid submessages sent with senseless numbers in a peer's name.
+    A damaged payload in an intact frame is left to the robot's own checksum. Nothing else may result."""
     disturbed = damaged = delivered = malformed = 0
     while disturbed < DISTURBED:
         talk = Talk(SEED + disturbed)
@@ -161,8 +158,7 @@ def test_damaged_and_forged_datagrams_never_raise_and_never_make_a_sample() -> N
 
 
 def disturb(talk: Talk, count: int) -> int:
-    """Every other datagram is followed by a hostile one. Returns how many damaged payloads were
-    handed over."""
+    """Follow every other datagram by a hostile one. Return how many damaged payloads were delivered."""
 
     def fate(datagram: bytes) -> Iterable[tuple[int, bytes]]:
         if talk.random.random() < 0.5:
@@ -183,7 +179,7 @@ def disturb(talk: Talk, count: int) -> int:
 
 
 def recover(talk: Talk) -> None:
-    """It was no lasting harm: once the leases are over, they find each other anew."""
+    """Assert that the harm does not last: after the leases have expired the participants find each other again."""
     talk.network.fate = lambda datagram: ()
     while talk.a.peers or talk.b.peers:
         talk.network.run(5.0)
@@ -230,7 +226,7 @@ ENTITIES = (
 
 
 def forged(talk: Talk) -> bytes:
-    """Submessages of known entities with numbers from anywhere. No DATA: that would be an honest
+    """Return submessages of known entities with random numbers. DATA is left out, since it would be a valid
     sample."""
     made = b""
     for _ in range(talk.random.randrange(1, 5)):
@@ -248,7 +244,7 @@ def forged(talk: Talk) -> bytes:
 
 
 def test_random_submessages_decode_or_are_malformed() -> None:
-    """The decoder by itself: every structure with every length."""
+    """The decoder alone: every structure with every length."""
     dice = random.Random(SEED + 2)
     prefix = zlib.crc32(b"peer").to_bytes(12, "big")
     malformed = 0

@@ -1,5 +1,4 @@
-"""The vendor's kind of DDS at the other end of the G1's twin: what it says is understood, what it
-hears obeyed."""
+"""Test the G1's twin with CycloneDDS, as the vendor uses it: each side understands the other."""
 
 from __future__ import annotations
 
@@ -16,7 +15,7 @@ from .test_cyclone import COMMAND, CONFIG, STATE, command_image, cyclone, run
 
 MODEL = model_of("unitree_g1")
 STATE_IMAGE_MOTOR = 72
-"""Where the motors begin in the C struct of a LowState; each has 56 bytes, q at the fourth."""
+"""Offset of the motors in the C struct of a LowState. Each has 56 bytes, with q at the fourth."""
 
 
 def knee_of(image: str) -> float:
@@ -55,7 +54,7 @@ def test_a_cyclone_client_bends_the_knee_of_the_twin(tmp_path: Path) -> None:
                 await client.do(do="write", topic=COMMAND, image=command_image(frame).hex())
                 await client.until(lambda _: client.images(STATE) and knee_of(client.images(STATE)[-1]) > 0.3)
             assert [entry.data for entry in twin.log.host("setpoint")] == [frame]
-            assert [entry.data for entry in twin.log.host("garbled")] == [bytes(wrong)]  # logged, not obeyed
+            assert [entry.data for entry in twin.log.host("garbled")] == [bytes(wrong)]  # logged, not carried out
 
     run(main)
 
@@ -73,6 +72,6 @@ def test_the_twin_speaks_at_its_rate(tmp_path: Path) -> None:
                 await trio.sleep(1.0)
                 ticks = [struct.unpack_from("<I", bytes.fromhex(image), 12)[0] for image in client.images(STATE)]
             assert ticks == sorted(set(ticks))
-            assert len(ticks) > 300  # of 500: the machine may be busy
+            assert len(ticks) > 300  # of 500, for a busy machine
 
     run(main)

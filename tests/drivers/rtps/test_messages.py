@@ -1,5 +1,4 @@
-"""The codec: what is encoded decodes to the same, in both byte orders, and what is cut off is
-malformed."""
+"""Test the codec: encoded values decode to the same in both byte orders, and truncated input is malformed."""
 
 from __future__ import annotations
 
@@ -93,7 +92,7 @@ def test_big_endian_is_understood() -> None:
     body = READER + WRITER + struct.pack(">iIIII", 0, 3, 2, 0x4000_0000, 6)
     acknack = b"\x06\x00" + struct.pack(">H", len(body)) + body
     body = struct.pack(">HH", 0, 16) + READER + WRITER + struct.pack(">iI", 1, 2) + b"\x00\x00\x00\x00ab"
-    data = b"\x15\x04" + struct.pack(">H", 0) + body  # length 0: to the end
+    data = b"\x15\x04" + struct.pack(">H", 0) + body  # length 0: up to the end
     beat, ack, part = decoded(heartbeat, acknack, data)
     assert beat == Heartbeat(READER, PEER + WRITER, 3, 9, 5, True)
     assert ack == AckNack(PEER + READER, WRITER, 3, (4,), 6, False)
@@ -119,7 +118,7 @@ def test_only_what_is_addressed_to_us_is_heard() -> None:
     assert len(decoded(us, beat)) == 1
     assert len(decoded(other, beat)) == 0
     assert len(decoded(other, beat, us, beat, everybody, beat)) == 2
-    assert messages.decode(memoryview(messages.header(OWN) + us + beat), OWN) == []  # our own voice
+    assert messages.decode(memoryview(messages.header(OWN) + us + beat), OWN) == []  # our own datagram
 
 
 def test_what_is_unknown_is_skipped() -> None:
@@ -219,8 +218,8 @@ def test_what_an_endpoint_does_not_say_has_its_default() -> None:
 
 
 def test_we_announce_protocol_2_2_and_no_vendor_parameter() -> None:
-    """Booster's Fast DDS drops participants that send 0x8007, or a version from 2.3 on; type
-    information (0x75 and 0x8021) is what one generation of CycloneDDS ends another with."""
+    """Booster's Fast DDS drops participants that send 0x8007, or a version from 2.3 on. Type information (0x75
+    and 0x8021) of one generation of CycloneDDS crashes another."""
     data = ParticipantData(PEER, (("10.0.0.1", 7410),), (), 10.0)
     ends = EndpointData(PEER + WRITER, "rt/lowcmd", "LowCmd_", True, 1, (("10.0.0.1", 7411),))
     assert messages.header(PEER)[:6] == b"RTPS\x02\x02"
@@ -272,7 +271,7 @@ def test_partitions() -> None:
     assert discovery.decode_endpoint(memoryview(said), True).partitions == ("a", "bbbb")
 
 
-# -- what fits
+# -- matching types and QoS
 
 
 ENDPOINT = EndpointData(PEER + WRITER, "t", "T", False, 0, ())

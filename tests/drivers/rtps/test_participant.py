@@ -1,4 +1,4 @@
-"""Participants over real sockets on the loopback."""
+"""Test participants over real sockets on the loopback."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from strands_actors.drivers.common.rtps.participant import FRESH_NS
 from .pair import Log
 
 PATIENCE_S = 20.0
-DOMAIN = 50 + os.getpid() % 50  # two runs of these tests on one machine do not meet
+DOMAIN = 50 + os.getpid() % 50  # two runs of these tests on one machine use different domains
 LOW_CMD = ("rt/lowcmd", "unitree_hg::msg::dds_::LowCmd_")
 LOW_STATE = ("rt/lowstate", "unitree_hg::msg::dds_::LowState_")
 COMMAND = b"\x00\x01\x00\x00" + bytes(range(250)) * 4
@@ -88,7 +88,7 @@ def test_several_participants_share_an_address() -> None:
 
 
 def test_it_is_served_by_polling_too_and_a_sample_has_its_true_age() -> None:
-    """SAF-012: a sample that waited in the socket while nobody looked is as old as it is."""
+    """SAF-012: a sample keeps its true age when it has waited in the socket."""
     robot = Participant(DOMAIN, "127.0.0.25", (), False)
     driver = Participant(DOMAIN, "127.0.0.26", (robot.address,), False)
     seen: list[tuple[bytes, int]] = []
@@ -117,8 +117,7 @@ def test_it_is_served_by_polling_too_and_a_sample_has_its_true_age() -> None:
 
 
 def test_what_waited_is_taken_at_once_and_what_has_just_come_one_by_one() -> None:
-    """A robot that says something once a period is not asked twice whether there is more; nothing
-    stays behind."""
+    """After a robot's one message per period, the socket is not read a second time. No datagram remains behind."""
     robot = Participant(DOMAIN, "127.0.0.32", (), False)
     driver = Participant(DOMAIN, "127.0.0.33", (robot.address,), False)
     states = Log()
@@ -129,7 +128,7 @@ def test_what_waited_is_taken_at_once_and_what_has_just_come_one_by_one() -> Non
         driver.poll()
         robot.poll()
     one_by_one = 0
-    while not one_by_one:  # a pause of this machine makes old what should be fresh
+    while not one_by_one:  # a pause of this machine makes fresh datagrams old
         assert time.monotonic() < deadline
         driver.poll()
         states.payloads.clear()
@@ -155,9 +154,9 @@ def test_what_waited_is_taken_at_once_and_what_has_just_come_one_by_one() -> Non
 def test_a_wall_clock_that_is_set_ages_a_sample_by_no_more_than_the_time_it_can_have_waited(
     step_s: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """SAF-012: the kernel stamps arrivals by the wall's clock. Neither is a sample an hour old when
-    that has been set forward, which would stop the robot, nor new however long it waited when that
-    has been set back."""
+    """SAF-012: the kernel stamps arrivals with the wall clock. When that clock is set forward, a sample must
+    not become an hour old, which would stop the robot. When it is set back, a sample that has waited must not
+    become new."""
     robot = Participant(DOMAIN, "127.0.0.27", (), False)
     driver = Participant(DOMAIN, "127.0.0.28", (robot.address,), False)
     seen: list[int] = []
@@ -184,9 +183,11 @@ def test_a_wall_clock_that_is_set_ages_a_sample_by_no_more_than_the_time_it_can_
 
 @pytest.mark.parametrize("only_host", [True, False])
 def test_a_driver_has_no_other_peer_than_its_robot(only_host: bool) -> None:
-    """SAF-009: another robot that finds it, because it was told of its address, hears none of its
-    commands. (The wire of a robot that was restarted had the address of another's, killed before,
-    whose robot still called it.)"""
+    """SAF-009: another robot that knows the driver's address receives none of its commands.
+
+    Once, the wire of a restarted robot had the address of another wire that was killed before. The other robot
+    still sent to that address.
+    """
     others_host = "127.0.0.30" if only_host else "127.0.0.29"
     robot = Participant(DOMAIN, "127.0.0.29", (), False)
     only = "127.0.0.29" if only_host else robot.address

@@ -1,5 +1,5 @@
-"""SAF-017 on DDS: a participant's name is no proof. What counts in its name comes from where it is,
-and its numbers go on from where they were."""
+"""SAF-017 on DDS: a participant's name is no proof. A datagram counts only if it comes from the participant's
+address and continues its numbers."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ FAR = 1 << 40
 
 
 def in_the_name_of(pair: Pair, sequence: int, number: int = 999) -> bytes:
-    """A datagram as the writer of this pair sends them: its GUID stands in every one of its own."""
+    """Return a datagram as this pair's writer sends it. Its GUID is in all of its own datagrams."""
     guid = pair.writer.data.guid
     return messages.header(guid[:12]) + messages.data(wire_types.UNKNOWN, guid[12:], sequence, payloads(number)[0])
 
@@ -64,7 +64,7 @@ def test_saf_017_a_goodbye_and_a_lost_reader_from_elsewhere_end_nothing() -> Non
 
 
 def test_saf_017_one_peer_says_nothing_in_the_name_of_another() -> None:
-    """By a submessage that names another source than its datagram."""
+    """The attempt is a submessage that names another source than its datagram."""
     pair = Pair(reliable=False)
     pair.read()
     other = pair.network.participant(C, [B])
@@ -83,7 +83,7 @@ def test_saf_017_one_peer_says_nothing_in_the_name_of_another() -> None:
 
 
 def test_saf_017_one_sample_that_leaps_does_not_end_those_behind_it() -> None:
-    """Even from the robot's own address: as a stranger can send it who forges that, too."""
+    """This holds even for the robot's own address, which a stranger can forge."""
     pair = Pair(reliable=False)
     pair.read()
     for number in range(50):
@@ -138,7 +138,7 @@ def test_saf_017_a_heartbeat_or_a_gap_that_leaps_skips_nothing() -> None:
 
 
 def test_a_reliable_writer_is_heard_again_after_a_forged_heartbeat() -> None:
-    """Its own heartbeats say that it never was there."""
+    """Its own heartbeats show that it was never at that number."""
     pair = Pair()
     pair.read()
     guid = pair.writer.data.guid
@@ -179,7 +179,7 @@ def test_saf_017_who_claims_the_robots_address_is_no_peer() -> None:
         ("10.0.0.1", (C, 7410), False),
         ("10.0.0.1:7410", (A, 7410), True),
         ("10.0.0.1:7410", (A, 7412), False),
-        ("10.0.0.1:7412", (A, 7412), False),  # heard from there, and does not say that it is
+        ("10.0.0.1:7412", (A, 7412), False),  # received from there, but not announced
     ],
 )
 def test_a_place_is_where_it_is_heard_from(only: str, sender: tuple[str, int], is_there: bool) -> None:

@@ -1,5 +1,4 @@
-"""A wire of servos on its twin's servos, in memory under virtual time, for the tests of every such
-wire."""
+"""A wire of servos on its twin's servos, in memory and virtual time, for the tests of all such wires."""
 
 from __future__ import annotations
 
@@ -33,7 +32,7 @@ RigT = TypeVar("RigT", bound="Rig")
 
 
 class Rig:
-    """``protocol``: the wire's own module of that name."""
+    """A wire on its servos. ``protocol`` is the wire's own module of that name."""
 
     def __init__(
         self,
@@ -61,7 +60,7 @@ class Rig:
         return next(servo for servo in self.bus.servos if servo.id == motor)
 
     def filter(self, passes: Callable[[Any], bool]) -> None:
-        """Requests that do not pass are lost on the way to the servos."""
+        """Drop requests that do not pass on the way to the servos."""
         inner, decoder = self.port.peer, self.protocol.Decoder()
 
         def peer(data: bytes) -> Iterable[tuple[float, bytes]]:
@@ -72,7 +71,7 @@ class Rig:
         self.port.peer = peer
 
     def requests(self, *kinds: str) -> list[Any]:
-        """Packets that were written, in order, of the given kinds."""
+        """Return the written packets of the given kinds, in order."""
         packets = self.protocol.Decoder().feed(b"".join(data for _, data in self.port.written))
         return [packet for packet in packets if not kinds or self.protocol.classify(packet) in kinds]
 
@@ -84,7 +83,7 @@ class Rig:
         return self.all_of(self._torque)
 
     async def cycles(self, count: int, write: bool = False) -> Observation:
-        """What the tree does at 30 Hz."""
+        """Run cycles as the tree does at 30 Hz."""
         for _ in range(count):
             if write:
                 await self.wire.write(MOVED, Permission())
@@ -108,7 +107,7 @@ class DynamixelRig(Rig):
 
 
 async def refused(rig: Rig) -> str:
-    """Why the wire does not open."""
+    """Return why the wire does not open."""
     with pytest.raises(WireDown) as down:
         await rig.wire.open()
     assert rig.port.closed, "a wire that did not open keeps no port"
@@ -117,7 +116,7 @@ async def refused(rig: Rig) -> str:
 
 
 async def read_until(wire: ServoWire[Any], true: Callable[[Observation], bool]) -> Observation:
-    """Read until it shows; the observation that does."""
+    """Read until the condition holds. Return that observation."""
     with trio.fail_after(20):
         while True:
             seen = await wire.read()

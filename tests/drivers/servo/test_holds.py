@@ -1,5 +1,5 @@
-"""A hold of servos moves no joint and energises none, whatever is known of them (SAF-019), on the
-twin's servos in memory under virtual time."""
+"""Test that a hold of servos moves no joint and energises none, whatever the wire knows of them (SAF-019). On
+the twin's servos in memory and virtual time."""
 
 from __future__ import annotations
 
@@ -24,14 +24,14 @@ ONE_DEG = 11
 
 
 def registers(rig: Rig) -> tuple[Any, Any]:
-    """Goal and position."""
+    """Return the registers of goal and position."""
     if isinstance(rig, FeetechRig):
         return feetech.GOAL_POSITION, feetech.POSITION
     return table.GOAL_POSITION, table.POSITION
 
 
 def where(rig: Rig) -> list[int]:
-    """Where the joints are, by the model and not by what was read of them."""
+    """Return the true positions of the joints in the model."""
     rig.bus.pass_time()
     for servo in rig.bus.servos:
         servo.sense()
@@ -39,7 +39,7 @@ def where(rig: Rig) -> list[int]:
 
 
 def loses_answers_of(rig: Rig, motors: Iterable[int]) -> None:
-    """They hear and obey, and are not heard."""
+    """Drop the answers of these motors. They still receive and obey."""
     inner, lost = rig.port.peer, set(motors)
 
     def peer(data: bytes) -> Iterable[tuple[float, bytes]]:
@@ -53,7 +53,7 @@ def loses_answers_of(rig: Rig, motors: Iterable[int]) -> None:
 
 @both
 def test_saf_019_a_joint_that_is_not_heard_keeps_its_goal(rig_class: type[Rig]) -> None:
-    """It was swung back to where it had been heard last, by 74 degrees at full speed."""
+    """An earlier version swung it back to its last reading, by 74 degrees at full speed."""
 
     async def main() -> None:
         rig = await rig_class().armed()
@@ -77,14 +77,14 @@ def test_saf_019_a_joint_that_is_not_heard_keeps_its_goal(rig_class: type[Rig]) 
 
 @both
 def test_saf_019_when_nobody_is_heard_everybody_keeps_its_goal(rig_class: type[Rig]) -> None:
-    """In the middle of a stream: what was read last is where the joints were."""
+    """This happens in the middle of a stream, where the last readings are old."""
 
     async def main() -> None:
         rig = await rig_class().armed()
         goal, _ = registers(rig)
         loses_answers_of(rig, range(1, 7))
         for at in range(10):
-            with contextlib.suppress(PermitDenied):  # as soon as nobody is heard
+            with contextlib.suppress(PermitDenied):  # as soon as no servo answers
                 await rig.wire.write(tuple(0.1 * (at + 1) * value for value in FAR), Permission())
             await rig.wire.read()
             await trio.sleep(0.02)
@@ -163,8 +163,7 @@ def test_saf_019_a_hold_energises_no_motor_that_is_limp(heard: bool) -> None:
 
 
 def test_a_setpoint_energises_no_motor_that_is_limp() -> None:
-    """A goal for the whole arm would give its torque back to a servo that lost it, and pull it to
-    an old target."""
+    """A goal for the whole arm would energise a servo that lost its torque, and pull it to an old target."""
 
     async def main() -> None:
         rig = await FeetechRig().armed()
@@ -206,7 +205,7 @@ def test_saf_002_no_goal_follows_a_limp(rig_class: type[Rig]) -> None:
 
 @pytest.mark.parametrize("goal_energises", [True, False], ids=["a goal energises", "torque alone does"])
 def test_saf_011_arming_moves_no_joint(goal_energises: bool) -> None:
-    """An arm that leans on its stops, with old goals in its servos."""
+    """The arm leans on its stops, with old goals in its servos."""
 
     async def main() -> None:
         rig = FeetechRig(goal_energises=goal_energises)

@@ -1,4 +1,4 @@
-"""The drivers page's keywords of a servo bus: other ids, and how long it may be silent."""
+"""Test the keywords of a servo bus on the drivers page: other ids, and how long it may be silent."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ OTHERS = (11, 12, 13, 14, 15, 16)
 def test_servos_with_other_ids_are_the_joints_in_their_order(new_rig: Callable[..., Rig], register: Any) -> None:
     async def main() -> None:
         rig = new_rig(motor_ids=OTHERS)
-        assert "no servo of" in await refused(rig)  # the usual ones are there
+        assert "no servo of" in await refused(rig)  # the usual ids are on the bus
         rig = new_rig(motor_ids=OTHERS)
         for servo, motor_id in zip(rig.bus.servos, OTHERS, strict=True):
             servo.table[register.address] = motor_id

@@ -1,5 +1,5 @@
-"""A tree with the real driver on a bus of servos in memory whose link is lost: what the servos'
-registers say then (SAF-020)."""
+"""Test a tree with the real driver when it loses the link to a bus of servos in memory. The servos' registers
+decide (SAF-020)."""
 
 from __future__ import annotations
 
@@ -41,14 +41,14 @@ MUTE = 5
 
 
 class Cable:
-    """Servos behind a port that can be pulled, and whose answers can get lost."""
+    """Servos behind a port that can be unplugged, with answers that can get lost."""
 
     def __init__(self, bus: ServoBus[Any, Any], protocol: Any, torque: Any) -> None:
         self.bus = bus
         self.protocol = protocol
         self.ports: list[MemoryPort] = []
         self.plugged = True
-        self.deaf_to: set[int] = set()  # whose answers get lost on their way
+        self.deaf_to: set[int] = set()  # servos with answers that get lost
         self._torque = torque
         self._servos: Peer = servos(bus)
 
@@ -78,7 +78,7 @@ class Cable:
             servo.write(self._torque.address, b"\1")
 
     def first_frames(self, since_s: float) -> list[str]:
-        """By port that was written to since then: what its first frame is."""
+        """Return the kind of the first frame on each port that was written to since then."""
         kinds = []
         for port in self.ports:
             written = b"".join(data for at_s, data in port.written if at_s >= since_s)
@@ -176,7 +176,7 @@ def test_saf_020_replies_are_lost_and_writes_pass(cable_class: NewCable) -> None
             await trio.sleep(0.05)
             assert cable.torque() == [0] * 6, "as soon as the link is given up"
             assert min(cable.limps(deaf_s)) - trio.current_time() < 0.1
-            for pause_s in (0.0, 0.7, 1.9, 3.3):  # wherever the attempt to open it again is
+            for pause_s in (0.0, 0.7, 1.9, 3.3):  # at any phase of the attempts to open it again
                 await trio.sleep(pause_s)
                 cable.energise()
                 stopped_s = trio.current_time()
@@ -246,7 +246,7 @@ def test_nothing_is_written_to_servos_that_were_never_armed(cable_class: NewCabl
         async with open_inline_tree(driver=cable.driver()) as tree:
             cable.pull()
             await tree.until("down", within_s=1.0)
-            cable.energise()  # by somebody else
+            cable.energise()  # by another program
             cable.plugged = True
             plugged_s = trio.current_time()
             await tree.until("disarmed", within_s=5.0)

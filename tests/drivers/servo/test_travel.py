@@ -1,5 +1,8 @@
-"""Goals outside the limits in a servo's own registers are refused. Without a calibration these may be
-narrower than the range of the model, and the servo would stand still without a word."""
+"""Test that goals outside the limits in a servo's own registers are refused.
+
+Without a calibration these may be narrower than the range of the model. The servo would then stop at them
+without an error.
+"""
 
 from __future__ import annotations
 

@@ -1,5 +1,4 @@
-"""What every wire of servos does alike when it makes its robot safe, on the twin's servos in
-memory."""
+"""Test what all wires of servos have in common when they make the robot safe, on the twin's servos in memory."""
 
 from __future__ import annotations
 

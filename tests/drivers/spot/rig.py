@@ -1,4 +1,4 @@
-"""For the wire in virtual time: the twin's services behind streams in memory."""
+"""The twin's services behind streams in memory, for the wire in virtual time."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ class Taken(NamedTuple):
 
 
 class Go(Permit):
-    """A permit. ``denies``: after so many checks."""
+    """A permit that denies after this number of checks."""
 
     def __init__(self, checks: int = 10**9) -> None:
         self._left = checks
@@ -49,13 +49,13 @@ class Go(Permit):
 
 
 class World:
-    """One robot. ``options``: of its twin, and ``driver`` of the driver."""
+    """One robot. ``options`` are those of its twin, ``driver`` those of the driver."""
 
     def __init__(self, driver: dict[str, Any] | None = None, **options: Any) -> None:
         self.twin = LoggedTwin(self, **options)
         self.taken: list[Taken] = []
         self.streams: list[MemoryStream] = []
-        self.frozen = False  # it takes nothing, and says nothing, for now
+        self.frozen = False  # True: it reads and sends nothing
         self.gone = False
         self.connect_s = 0.001
         self.driver = Spot("spot", PORT, Spot.resolve("spot", driver or {}))
@@ -74,7 +74,7 @@ class World:
         return self.streams[-1]
 
     def thaw(self) -> None:
-        """Let the robot take what has waited, each connection's in its order."""
+        """Let the robot read the waiting bytes, those of each connection in order."""
         self.frozen = False
         for stream in self.streams:
             stream.take_waiting()
@@ -86,7 +86,7 @@ class World:
         return [one for one in self.taken if one.name == name]
 
     def safe(self) -> list[str]:
-        """Safe frames, each as what it brings the robot to."""
+        """Return the safe state of each safe frame."""
         return [one.safe_state or "" for one in self.taken if one.kind == "safe"]
 
 
@@ -99,7 +99,7 @@ class LoggedTwin(SpotTwin):
 
 
 class _Client(Connection):
-    """What the twin's services see of a client: what is said to it, and noted of it."""
+    """A client as the twin's services see it, with the messages to it and notes about it."""
 
     def __init__(self, stream: MemoryStream) -> None:
         self._stream = stream
@@ -120,7 +120,7 @@ class _Client(Connection):
 
 
 class _Service:
-    """The twin, which says which method a message is of."""
+    """The twin, with the method of each message."""
 
     def __init__(self, twin: SpotTwin, client: _Client) -> None:
         self._twin = twin
@@ -195,7 +195,7 @@ class MemoryStream:
 
 
 async def ready(world: World, stands: bool = True) -> SpotWire:
-    """Return a wire that is armed; its robot stands."""
+    """Return an armed wire with a standing robot."""
     wire = world.wire()
     await wire.open()
     await wire.read()
@@ -207,14 +207,14 @@ async def ready(world: World, stands: bool = True) -> SpotWire:
 
 
 def let_a_tablet_drive(world: World) -> None:
-    """Another has e-stop and lease, and the motors are on."""
+    """Give e-stop and lease to another client, and switch the motors on."""
     let_a_tablet_have_the_e_stop(world)
     world.twin.leases.acquire("tablet-7", take=True)
     world.twin.mechanism.motors = Motors.ON
 
 
 def let_a_tablet_have_the_e_stop(world: World) -> None:
-    """Another sets it up, and lets the robot be powered."""
+    """Let another client set up the e-stop and allow power."""
     estop = world.twin.estop
     estop.set_config(
         {"endpoints": [{"role": ESTOP_ROLE, "name": "tablet-7", "timeout": duration(3600.0)}]},
@@ -229,7 +229,7 @@ def let_a_tablet_have_the_e_stop(world: World) -> None:
     )
 
 
-# -- for gates
+# -- helpers for gates
 
 
 def observed(position: tuple[float, ...] = (0.0,) * KEYS, **sensors: float) -> Observation:
@@ -245,7 +245,7 @@ def state(seen: Observation | None = None, live: Live | None = None, stream: boo
 
 
 def answer(action: dict[str, Any], at: GateState | None = None) -> Candidate | Refused:
-    """Return what the driver makes of an action: as the gate asks."""
+    """Judge an action as the gate does."""
     driver, at = Spot("spot", "", Spot.resolve("spot", {})), at or state()
     for condition in driver.conditions:
         refusal = condition.check(at.observation, at.now_ns)
@@ -272,7 +272,7 @@ def refused(action: dict[str, Any], at: GateState | None = None) -> Refused:
 
 
 def target(world: World, seen: Observation, **action: float) -> tuple[float, ...]:
-    """Return what an action comes to."""
+    """Return the target of an action."""
     now_ns = seen.t_ns
     at = GateState(now_ns, seen, tuple(0.0 if value != value else value for value in seen.position), now_ns, False)
     candidate = world.driver.parse(action, at)

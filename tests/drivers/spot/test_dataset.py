@@ -1,5 +1,4 @@
-"""A robot that may lack an arm is recorded with the axes that it has, and with its legs in the
-state."""
+"""Test that a robot without an arm is recorded with the axes that it has, and with its legs in the state."""
 
 from __future__ import annotations
 

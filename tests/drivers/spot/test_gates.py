@@ -1,4 +1,4 @@
-"""What a Spot refuses, with code, offer and limit; what an accepted action becomes."""
+"""Test which commands a Spot refuses, with code, offered value and limit, and the values of accepted actions."""
 
 from __future__ import annotations
 
@@ -109,7 +109,8 @@ def test_parts_that_are_not_named_are_not_told_anything() -> None:
 
 
 def test_saf_014_a_joint_without_a_target_is_never_told_one_that_was_made_up() -> None:
-    """It was missing when the robot was armed, and is reported since: the arm is told as a whole."""
+    """Its reading was missing when the robot was armed, and exists now. A command always has all joints of the
+    arm."""
     armed = (0.0, 0.0, 0.0, 0.1, -2.8, NAN, 0.0, 0.0, 0.0, -0.2)
     seen = observed((0.0, 0.0, 0.0, 0.1, -2.8, 2.8, 0.0, 0.0, 0.0, -0.2))
     first = Spot("spot", "", {}).first_target(observed(armed))

@@ -1,5 +1,4 @@
-"""The tables are the vendor's messages, and no exception but the codec's own comes of whatever is
-read."""
+"""Test that the tables match the vendor's messages, and that any input raises only the codec's own error."""
 
 from __future__ import annotations
 
@@ -19,7 +18,7 @@ from strands_actors.drivers.spot.twin import SpotTwin
 from tests.drivers.disturbed import DISTURBED
 
 KINDS = {1: "double", 3: "int", 4: "uint", 5: "int", 8: "bool", 9: "text", 13: "uint", 14: "uint"}
-"""Kinds of the tables by the type of the vendor's descriptors."""
+"""Kinds of the tables by the type number in the vendor's descriptors."""
 
 MODULES = ("auth", "directory", "time_sync", "estop", "lease", "power", "robot_state", "robot_command", "robot_id")
 
@@ -46,7 +45,7 @@ def compare(name: str, theirs: Any, seen: set[tuple[str, str]]) -> None:
         assert field.is_repeated == ours.repeated, f"{theirs.full_name}.{key}"
         if field.type == 11:
             compare(ours.kind, field.message_type, seen)
-        elif field.type == 12:  # bytes: what an Any holds
+        elif field.type == 12:  # bytes: the content of an Any
             assert ours.kind == "MobilityParams"
         else:
             assert KINDS[field.type] == ours.kind, f"{theirs.full_name}.{key}, field {number}"
@@ -100,7 +99,7 @@ def test_we_read_what_the_vendor_writes() -> None:
     state.kinematic_state.acquisition_timestamp.seconds = 5
     odom = state.kinematic_state.transforms_snapshot.child_to_parent_edge_map["odom"]
     odom.parent_frame_name = "body"
-    # the body is at x 1, y 2 and has turned left by 90 degrees
+    # The body is at x 1, y 2 and has turned left by 90 degrees.
     odom.parent_tform_child.position.x, odom.parent_tform_child.position.y = -2.0, 1.0
     odom.parent_tform_child.rotation.w, odom.parent_tform_child.rotation.z = math.sqrt(0.5), -math.sqrt(0.5)
     state.kinematic_state.velocity_of_body_in_odom.linear.y = 0.5

@@ -1,4 +1,4 @@
-"""Its simulation stands up, walks and reaches."""
+"""Test that the simulation stands up, walks and reaches."""
 
 from __future__ import annotations
 

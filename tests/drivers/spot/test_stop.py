@@ -1,4 +1,4 @@
-"""What stops it, in virtual time over the twin's services in memory: the wire, a link that was lost, the
+"""Test what stops the robot, in virtual time over the twin's services in memory: the wire, a lost link, the
 stop channel."""
 
 from __future__ import annotations
@@ -48,8 +48,7 @@ def test_saf_005_a_stop_is_confirmed_by_what_it_reports_afterwards() -> None:
 
 
 def test_saf_011_a_hold_says_where_the_arm_is_held() -> None:
-    """The next command tells the joints that it does not name to stay there: not where an older
-    reading had them."""
+    """The next command holds the joints that it does not name at this position, and not at an older reading."""
 
     async def test() -> None:
         world = World()
@@ -112,8 +111,7 @@ def test_a_robot_without_an_arm_is_held() -> None:
 
 
 def test_saf_005_a_robot_that_nobody_has_the_lease_of_is_held_only_when_it_stands() -> None:
-    """The robot has taken the lease from us, and given it to nobody: what it was told before may
-    still run."""
+    """The robot has taken the lease from us without a new holder. An earlier command may still run."""
 
     async def test() -> None:
         world = World()
@@ -181,8 +179,7 @@ def test_saf_010_a_command_that_comes_late_behind_a_stop_is_refused_by_its_lease
     ("service", "method"), [("stand", "PowerCommand"), ("stand", "RobotCommand"), ("set_twist", "RobotCommand")]
 )
 def test_saf_010_a_service_that_is_not_answered_ends_the_link(service: str, method: str) -> None:
-    """The robot may carry it out all the same: whoever asked is told of an error, and the robot is
-    settled for it."""
+    """The robot may carry it out all the same. The caller gets an error, and the robot is settled."""
 
     async def test() -> None:
         world = World()
@@ -297,7 +294,7 @@ def test_saf_012_an_answer_that_repeats_itself_is_not_new_and_ends_the_link() ->
         wire = await ready(world)
         first = await wire.read()
         world.twin.set_fault(Fault.STUCK)
-        last = await wire.read()  # it reports once more: what it was when it got stuck
+        last = await wire.read()  # it sends one more report of its state before it got stuck
         await trio.sleep(0.9)
         again = await wire.read()
         assert again.t_ns == last.t_ns < first.t_ns + 10**8 and set(again.stamp_ns) == {last.t_ns}

@@ -1,5 +1,5 @@
-"""A real robot on the twin: stops, lifetimes, the lease, the e-stop, a hung robot. Safety is read in
-the twin's log."""
+"""Test a real robot on the twin: stops, lifetimes, the lease, the e-stop, a hung robot. The twin's log shows
+the safety."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ from strands_actors.testing.wirelog import Entry
 from tests.answers import json_of, pids, state, status, until, why
 from tests.trees import armed, first_safe, is_lost_while_stuck, robot_on
 
-"""For a machine that runs other tests meanwhile."""
+"""For a machine that runs other tests at the same time."""
 SKEW_NS = 123_456_000_000
 
 
@@ -55,7 +55,7 @@ def stand(robot: RealRobot) -> None:
 
 
 def walk(robot: RealRobot, twin: Twin, **speeds: float) -> int:
-    """Send a twist and see it on the wire; when."""
+    """Send a twist and wait until it is on the wire. Return when it was sent."""
     stand(robot)
     began_ns = time.monotonic_ns()
     json_of(robot.send_action({"vx": 0.0, **speeds}))
@@ -68,13 +68,13 @@ def read(name: str, entry: Entry) -> dict[str, Any]:
 
 
 def check_ins(twin: Twin, since_ns: int) -> list[Entry]:
-    """Return the check-ins that let the robot be powered."""
+    """Return the check-ins that allow power."""
     others = twin.log.host("other", since_ns)
     return [entry for entry in others if read("EstopCheckIn", entry).get("stop_level") == p.StopLevel.NONE]
 
 
 def returned(twin: Twin, since_ns: int) -> bool:
-    """Return whether a lease was returned: a request with a lease and nothing else."""
+    """Return True if a lease was returned: a request with a lease and nothing else."""
     for entry in twin.log.host("config", since_ns):
         with contextlib.suppress(MalformedFrame):
             told = read("ReturnLease", entry)
@@ -197,8 +197,7 @@ def test_saf_005_a_robot_whose_report_moves_is_not_reported_as_stopped(spot: Rea
 def test_saf_010_a_command_that_waits_in_a_stopped_robot_is_followed_by_a_safe_frame(
     spot: RealRobot, twin: Twin
 ) -> None:
-    """The robot is stopped, a command is handed to its socket, the caller stops, the robot goes
-    on."""
+    """The robot is stopped with a command in its socket. The caller stops, then the robot continues."""
     walk(spot, twin, vx=0.3)
     twin.pause()
     spot.send_action({"arm_sh0": 1.0})
@@ -229,7 +228,7 @@ def test_saf_010_a_service_that_is_taken_and_not_answered_is_followed_by_a_safe_
 
 @pytest.mark.long
 def test_saf_002_a_robot_that_was_away_for_a_second_ends_safe(spot: RealRobot, twin: Twin) -> None:
-    """Its writer goes on all the while: what waits is bounded, and the link counts as lost."""
+    """Its writer continues all the time. The queue is bounded, and the link counts as lost."""
     walk(spot, twin, vx=0.3)
     twin.pause()
     until_s = time.monotonic() + 1.5
@@ -255,7 +254,7 @@ def test_saf_003_a_root_without_its_wire_settles_it_by_the_e_stop(
     assert safe.safe_state == "settle" and read("EstopCheckIn", safe)["stop_level"] == p.StopLevel.SETTLE_THEN_CUT
     until(lambda: state(spot) == "disarmed", "a new wire, disarmed")
     twin.log.no_setpoint_after_safe(began_ns)
-    stand(spot)  # a resume sets the e-stop up anew
+    stand(spot)  # a resume sets the e-stop up again
 
 
 @pytest.mark.long
@@ -397,7 +396,7 @@ def test_sensors(spot: RealRobot) -> None:
 
 
 def asked(robot: RealRobot, given: dict[str, Any]) -> dict[str, Any]:
-    """What an agent is answered."""
+    """Return the answer to an agent."""
     return asyncio.run(robot.use_tool(given, "an agent"))
 
 

@@ -1,4 +1,4 @@
-"""The vendor's own client, unmodified, takes the twin for a robot."""
+"""Test that the vendor's unmodified client accepts the twin as a robot."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The wire in virtual time, over the twin's services in memory: what leaves, and when."""
+"""Test the wire in virtual time, over the twin's services in memory: what is sent, and when."""
 
 from __future__ import annotations
 
@@ -106,7 +106,7 @@ def test_a_lease_that_another_has_is_a_refusal_that_names_him_and_one_of_ours_is
 
         again = World()
         first = await ready(again, stands=False)
-        first.close()  # as a process that was killed: it returned nothing
+        first.close()  # as a killed process, which returns nothing
         await ready(again)
         assert len(again.of("TakeLease")) == 1
 
@@ -243,7 +243,7 @@ def test_saf_004_check_ins_come_at_a_third_of_the_time_out_and_only_when_fed() -
         assert world.twin.mechanism.motors is Motors.ON
         world.taken.clear()
         for _ in range(20):
-            await wire.read()  # gate or transport does not answer: it is read, and not fed
+            await wire.read()  # gate or transport does not answer: the wire reads, but does not feed
             await trio.sleep(0.1)
         assert world.of("EstopCheckIn") == []
         await pass_time(world, 3.0)
@@ -285,7 +285,7 @@ def test_saf_009_a_stop_during_bring_up_keeps_the_e_stop_asserted() -> None:
         assert confirmed(await wire.make_safe("settle"))
         world.taken.clear()
         with pytest.raises(PermitDenied):
-            await wire.arm(Go(1))  # the stop comes behind the first look, directly before the check-in
+            await wire.arm(Go(1))  # the stop comes after the first check, directly before the check-in
         await pass_time(world, 4.0, wire)
         assert world.of("EstopCheckIn") == [], "and nothing that feeds it lifts it"
         assert world.twin.estop.level is not p.StopLevel.NONE
@@ -294,13 +294,13 @@ def test_saf_009_a_stop_during_bring_up_keeps_the_e_stop_asserted() -> None:
 
 
 def test_saf_004_a_check_in_that_comes_after_the_time_out_is_not_sent() -> None:
-    """The robot has settled by then, or is about to: nothing un-asserts an e-stop by itself."""
+    """The robot has settled by then, or is about to. An asserted e-stop is never released by itself."""
 
     async def test() -> None:
         world = World()
         wire = await ready(world)
         world.taken.clear()
-        await trio.sleep(3.5)  # a machine that stood still
+        await trio.sleep(3.5)  # a machine that paused
         await pass_time(world, 2.0, wire)
         assert world.of("EstopCheckIn") == []
         seen = await wire.read()
@@ -311,7 +311,7 @@ def test_saf_004_a_check_in_that_comes_after_the_time_out_is_not_sent() -> None:
     virtual(test)
 
 
-# -- what is renewed beside the calls
+# -- renewals in the background
 
 
 @pytest.mark.parametrize("says", ["nothing", "too many attempts"])
@@ -391,7 +391,7 @@ def test_a_clock_that_takes_a_while_to_be_told_again_delays_no_call() -> None:
         before_s = wire._time.skew_s
         async with served(wire) as serving:
             world.twin._sync_s, world.twin._sync_since_s = 2.0, None
-            world.twin._skew_s += 7.0  # its clock was set anew, and is named as before
+            world.twin._skew_s += 7.0  # its clock was set again, and its name is unchanged
             await pass_time(world, 65.0, wire)
             serving.check()
             assert wire._time.skew_s == pytest.approx(before_s + 7.0, abs=0.05)

@@ -1,5 +1,5 @@
-"""The vendor's own client, unmodified, against the twin: ``python -m tests.drivers.spot.vendor_client
-PORT``. Prints one JSON object: what each step came to."""
+"""Run the vendor's unmodified client against the twin: ``python -m tests.drivers.spot.vendor_client PORT``. It
+prints the result of each step as one JSON object."""
 
 from __future__ import annotations
 
@@ -17,10 +17,10 @@ from bosdyn.client.robot_command import RobotCommandBuilder, block_until_arm_arr
 
 
 def failure(step: Callable[[], Any]) -> str:
-    """Return the kind of error that a step raises; empty: none."""
+    """Return the class of the error that a step raises; empty for no error."""
     try:
         step()
-    except Exception as error:  # whichever of the vendor's it is
+    except Exception as error:  # any of the vendor's errors
         return type(error).__name__
     return ""
 
@@ -78,4 +78,4 @@ def position(states: Any) -> float:
 
 if __name__ == "__main__":
     print(json.dumps(main(sys.argv[1])), flush=True)
-    os._exit(0)  # the vendor's threads would keep it
+    os._exit(0)  # the vendor's threads would keep the process

@@ -1,6 +1,6 @@
-"""The vendor's client, unmodified, against a twin: ``body_client.py FLEET_PATH FLEET_ID WHAT``.
+"""Run the vendor's unmodified client against a twin: ``body_client.py FLEET_PATH FLEET_ID WHAT``.
 
-Runs where hello-robot-stretch-body is installed. Prints one JSON object with what it saw.
+It runs where hello-robot-stretch-body is installed, and prints its results as one JSON object.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ import time
 from typing import Any
 
 PATIENCE_S = 20.0
-"""Far more than anything takes on a free machine."""
+"""Far longer than any step takes on a free machine."""
 
 os.environ["HELLO_FLEET_PATH"], os.environ["HELLO_FLEET_ID"] = sys.argv[1:3]
 
@@ -125,7 +125,7 @@ def base() -> dict[str, Any]:
         wheels.pull_status()
         fastest = max(fastest, wheels.status["x_vel"])
         time.sleep(0.05)
-    deadline_s = time.monotonic() + 3.0  # nobody says anything to it: its firmware stops it
+    deadline_s = time.monotonic() + 3.0  # without commands the firmware stops it
     while time.monotonic() < deadline_s:
         wheels.pull_status()
         time.sleep(0.05)

@@ -1,4 +1,4 @@
-"""For the wire in virtual time: the twin's robot behind ports in memory."""
+"""The twin's robot behind ports in memory, for the wire in virtual time."""
 
 from __future__ import annotations
 
@@ -23,14 +23,14 @@ from strands_actors.kernel.clock import VirtualClock
 from tests.drivers.common.memory_port import MemoryPort, Peer
 
 ANSWER_S = 0.001
-"""What USB adds to each answer."""
+"""The delay that USB adds to each answer."""
 
 LIFT, ARM, LEFT, RIGHT = "hello-motor-lift", "hello-motor-arm", "hello-motor-left-wheel", "hello-motor-right-wheel"
 PIMU, WRIST, HEAD = "hello-pimu", "hello-dynamixel-wrist", "hello-dynamixel-head"
 
 
 class OneReader(MemoryPort):
-    """As a real port: two cannot wait for what comes at once."""
+    """A port on which only one task may wait at a time, as on a real port."""
 
     _waits = False
 
@@ -45,14 +45,14 @@ class OneReader(MemoryPort):
 
 
 class Rig:
-    """One robot. ``changes``: of its parameters."""
+    """One robot. ``changes`` are changes of its parameters."""
 
     def __init__(self, **changes: Any) -> None:
         self.world = World("stretch3", trio.current_time)
         self.ears: dict[str, Ear] = {name: ear for name, (ear, _) in ears_of(self.world).items()}
         self.ports: dict[str, list[MemoryPort]] = {}
         self.kinds: list[tuple[str, str, str | None]] = []
-        """What each port heard: its name, kind and safe state."""
+        """The messages of each port: its name, kind and safe state."""
         self.mute: set[str] = set()
         self.gone: set[str] = set()
         self.config = StretchConfig("stretch3", msgspec.structs.replace(parameters_of("stretch3"), **changes))
@@ -88,11 +88,11 @@ class Rig:
             port.unplugged = True
 
     def told(self, *kinds: str) -> list[str]:
-        """Return which ports heard such frames."""
+        """Return the ports that received frames of these kinds."""
         return [name for name, kind, _ in self.kinds if kind in kinds]
 
     def commands(self, name: str) -> list[p.Command]:
-        """Return what a stepper was told on all its ports."""
+        """Return the commands to a stepper on all its ports."""
         return [
             p.parse_command(frame.data[1:])
             for port in self.ports[name]

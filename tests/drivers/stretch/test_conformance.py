@@ -1,5 +1,5 @@
-"""A Stretch 3 keeps what every driver must, as a Stretch 2 does (``tests/drivers``). The simulation
-lifts, reaches and drives."""
+"""Run the conformance checks on a Stretch 3; ``tests/drivers`` does so for a Stretch 2. The simulation lifts,
+reaches and drives."""
 
 from __future__ import annotations
 

@@ -1,5 +1,8 @@
-"""Lift and arm stop by themselves at what they meet, until they are told a goal again: so each goal
-is told once, and what they met is seen."""
+"""Test contacts of lift and arm.
+
+Both stop by themselves at an obstacle, until they receive another goal. So the wire sends each goal once, and
+reports the contact.
+"""
 
 from __future__ import annotations
 
@@ -19,7 +22,7 @@ CONDITIONS = Stretch("stretch3", "", {}).conditions
 
 
 def broken(seen: Observation) -> list[str]:
-    """Return the codes of the conditions that are not true."""
+    """Return the codes of the conditions that do not hold."""
     found = (each.check(seen, seen.t_ns) for each in CONDITIONS)
     return [refusal.code for refusal in found if refusal is not None]
 
@@ -29,7 +32,7 @@ def goals(rig: Rig, name: str) -> list[p.Command]:
 
 
 async def resend(wire: StretchWire, values: tuple[float, ...], seconds: float) -> Observation:
-    """As the tree does, every 100 ms."""
+    """Re-send every 100 ms, as the tree does."""
     for _ in range(round(seconds / 0.1)):
         await wire.write(values, Permission())
         await trio.sleep(0.05)
@@ -66,7 +69,7 @@ def test_a_goal_that_was_not_acknowledged_is_told_again_until_it_is() -> None:
         wire = await armed(rig)
         there = target(LIFT_ALONE | ARM_ALONE, lift=0.6, arm=0.2)
         rig.mute.add(LIFT)
-        for _ in range(3):  # one of them in the quiet time that follows a missing answer
+        for _ in range(3):  # one of them falls into the quiet time after a missing answer
             await wire.write(there, Permission())
             await trio.sleep(0.06)
         assert (len(goals(rig, LIFT)), len(goals(rig, ARM))) == (3, 1)
@@ -113,7 +116,7 @@ def test_saf_014_an_arm_that_meets_something_pushes_once_and_says_so() -> None:
 
 
 def test_saf_014_a_contact_that_a_stream_of_goals_has_cleared_is_seen_all_the_same() -> None:
-    """The board forgets it with every goal, also between two readings."""
+    """The board clears its contact with every goal, also between two readings."""
 
     async def test() -> None:
         rig = Rig()

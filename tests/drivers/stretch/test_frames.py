@@ -1,4 +1,4 @@
-"""Frames of the boards: known bytes, any pieces, and 20 000 that were disturbed."""
+"""Test the frames of the boards: known bytes, pieces of any size, and 20,000 disturbed frames."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ def test_the_checksum_is_modbus() -> None:
 
 
 def test_a_frame_as_it_is_on_the_wire() -> None:
-    # a pull of a stepper's status: 206, 3, then the checksum, high byte first
+    # a request for a stepper's status: 206, 3, then the checksum, high byte first
     body = bytes((206, 3))
     assert f.pull(p.STATUS) == f.stuff(body + f.crc16(body).to_bytes(2, "big")) + b"\0"
     assert f.stuff(b"\x00") == b"\x01\x01"

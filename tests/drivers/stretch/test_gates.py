@@ -1,4 +1,4 @@
-"""What is refused, from what the robot reports: code, what was offered, the limit."""
+"""Test which commands are refused in each state of the robot: code, offered value, limit."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ def answer(
     target: tuple[float, ...] = HERE,
     live: Live | None = None,
 ) -> Candidate | Refused:
-    """As the gate asks: conditions, parse, gates."""
+    """Judge an action as the gate does: conditions, parse, gates."""
     state = GateState(NOW_NS, observation or seen(), target, NOW_NS, False, 0.0, live)
     for condition in DRIVER.conditions:
         if (refusal := condition.check(state.observation, NOW_NS)) is not None:
@@ -73,7 +73,8 @@ def accepted(action: dict[str, Any], observation: Observation | None = None, **m
 
 
 def test_a_goal_that_is_live_is_told_with_the_next_one_and_not_after_a_hold() -> None:
-    """Two commands may wait for the wire at once: of these it is given the newer alone."""
+    """Two commands may wait for the wire at once. The wire gets only the newer one, so that one has to contain
+    both goals."""
     lift = accepted({"lift": 0.6}).values
     assert len(lift) == AXES + 1 and named_in(lift, DRIVER.axes) == {"lift"}
     assert named_in(accepted({"vy": 0.0}).values, DRIVER.axes) == {"vx", "wz"}
@@ -83,13 +84,13 @@ def test_a_goal_that_is_live_is_told_with_the_next_one_and_not_after_a_hold() ->
     assert named_in(turning, DRIVER.axes) == {"lift", "arm", "vx", "wz"}
     still = accepted({"vx": 0.0}, target=turning, live=Live()).values
     assert named_in(still, DRIVER.axes) == {"lift", "arm", "vx"}, "a twist ends by itself"
-    for target, live in ((HERE, Live()), (both, None)):  # where it is held, and before that is known
+    for target, live in ((HERE, Live()), (both, None)):  # the hold position, and the time before it is known
         held = accepted({"arm": 0.1}, target=target, live=live).values
         assert named_in(held, DRIVER.axes) == {"arm"}
 
 
 def row(name: str, axis: str, value: float) -> dict[str, tuple[float, ...]]:
-    """A sensor in which one axis differs."""
+    """Return a sensor in which one axis differs."""
     at, whole = DRIVER.axes.index(axis), seen().sensors[name]
     return {name: (*whole[:at], value, *whole[at + 1 :])}
 
@@ -221,7 +222,7 @@ def test_soft_limits_that_are_none_are_refused(arguments: dict[str, Any], why: s
 
 
 def test_a_command_that_comes_as_a_service_is_refused_at_the_gate() -> None:
-    """It would have no lifetime: the handle sends it as the action that it is."""
+    """As a service it would have no lifetime. The handle sends it as an action."""
     known = Known(State(Mode.ARMED, 1), Leases(0), "", None, "", seen(), HERE, NOW_NS, 0, False)
     refusal = Admission(DRIVER).service(Perform(1, 1, "set_twist", {"vx": 0.1}), known, NOW_NS)
     assert refusal is not None and refusal.code == "a_command"

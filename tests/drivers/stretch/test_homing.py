@@ -1,5 +1,7 @@
-"""The wrist's yaw counts whole turns, and forgets them when its servo is reset: it is not moved
-before it is homed again."""
+"""Test the homing of the wrist's yaw.
+
+It counts whole turns, and loses the count when its servo is reset. It is not moved until it is homed again.
+"""
 
 from __future__ import annotations
 
@@ -71,7 +73,7 @@ def test_saf_014_a_servo_that_was_reset_has_lost_its_turns_and_is_not_moved_unti
 
 
 def test_saf_014_a_reset_between_a_stop_and_the_next_arming_is_seen() -> None:
-    """Nobody has read the servo meanwhile."""
+    """The servo was not read in the meantime."""
 
     async def test() -> None:
         rig = Rig()

@@ -1,4 +1,4 @@
-"""The robot's own YAML: what it overrides, and what is refused of it."""
+"""Test the robot's own YAML: what it overrides, and which values are refused."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A stop on ports that another process has open, too: they cannot be opened anew."""
+"""Test a stop on ports that another process has open, so that they cannot be opened again."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from .rig import WRIST, Rig
 
 
 class Adopted(ChainStopChannel):
-    """With a duplicate of the wire's port."""
+    """A stop channel with a duplicate of the wire's port."""
 
     def __init__(self, rig: Rig, config: StretchConfig) -> None:
         self._rig = rig
@@ -33,7 +33,7 @@ class Adopted(ChainStopChannel):
 
 @pytest.mark.parametrize("armed", [True, False])
 def test_saf_018_servos_without_torque_do_not_cost_the_way_to_them(armed: bool) -> None:
-    """Else what is not armed is never confirmed, and the root keeps the port for a minute."""
+    """Otherwise servos that are not armed are never confirmed, and the root keeps the port for a minute."""
 
     async def test() -> None:
         rig = Rig()

@@ -1,4 +1,4 @@
-"""Calls and replies of the boards, by their layouts."""
+"""Test the calls and replies of the boards, with each version of their layout."""
 
 from __future__ import annotations
 

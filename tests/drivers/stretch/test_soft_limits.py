@@ -1,4 +1,4 @@
-"""Soft limits, which a service tells the boards beside readings and setpoints; in virtual time."""
+"""Test soft limits, which a service sends to the boards during readings and setpoints; in virtual time."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def test_soft_limits_are_told_the_firmware_of_lift_and_arm() -> None:
 
 @pytest.mark.parametrize("joint", ["lift", "arm"])
 def test_soft_limits_are_told_beside_readings_and_setpoints(joint: str) -> None:
-    """A service runs beside both: each gets the answer to its own question."""
+    """A service runs at the same time as both. Each gets the answer to its own request."""
 
     async def test() -> None:
         rig = Rig()
@@ -95,7 +95,7 @@ def test_soft_limits_that_a_board_does_not_acknowledge_are_not_set_and_hold_nobo
 @pytest.mark.parametrize("is_cut", [True, False], ids=["cut", "goes_on"])
 @pytest.mark.parametrize("safe_state", ["hold", "stop"])
 def test_saf_006_a_stop_does_not_wait_for_soft_limits_that_are_being_told(safe_state: str, is_cut: bool) -> None:
-    """``cut``: as the transport does with a service when a stop comes."""
+    """With ``is_cut`` the service is cancelled, as the transport does when a stop comes."""
 
     async def test() -> None:
         rig = Rig()

@@ -1,5 +1,5 @@
-"""A real robot on the twin: stops, lifetimes, runstop, homing, soft limits, boards that are gone.
-Safety is read in the twin's log."""
+"""Test a real robot on the twin: stops, lifetimes, runstop, homing, soft limits, missing boards. The twin's log
+shows the safety."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ from tests.answers import json_of, pids, resumed, state, status, until, why
 from tests.trees import armed, first_safe, robot_on
 
 SLACK_S = 0.4
-"""For a machine that runs other tests meanwhile."""
+"""For a machine that runs other tests at the same time."""
 JOINTS = ("lift", "arm", "wrist_yaw", "wrist_pitch", "wrist_roll", "head_pan", "head_tilt")
 WHEEL = parameters_of("stretch3").left.rad_per_m
 
@@ -45,7 +45,7 @@ def stretch(twin: Twin, run_dir: Path) -> Iterator[RealRobot]:
 
 
 def commands(entries: list[Entry]) -> list[p.Command]:
-    """Return the commands to steppers among some frames; servos' are left out."""
+    """Return the commands to steppers among some frames, without those to servos."""
     found = []
     for entry in entries:
         if not entry.data.startswith(dxl.HEADER):
@@ -56,13 +56,13 @@ def commands(entries: list[Entry]) -> list[p.Command]:
 
 
 def sensor(robot: RealRobot, name: str) -> list[float]:
-    """What it was last told, once its board has told it in time."""
+    """Return the newest report of a sensor, once its board has sent one in time."""
     found: list[float] = until(lambda: status(robot)["sensors"].get(name), f"{name} is told")
     return found
 
 
 def drive(robot: RealRobot, twin: Twin, vx: float = 0.2, wz: float = 0.0) -> int:
-    """Send a twist and see it on the wire; when."""
+    """Send a twist and wait until it is on the wire. Return when it was sent."""
     armed(robot)
     began_ns = time.monotonic_ns()
     json_of(robot.set_twist(vx=vx, wz=wz))
@@ -76,7 +76,7 @@ def test_saf_001_a_twist_is_repeated_for_its_lifetime_then_everything_holds(stre
     lived_s = (safe.t_ns - began_ns) / 1e9
     assert lived_s > 0.25
     sent = commands(twin.log.host("setpoint", began_ns))
-    # However late the process was that held it: one that waited for a processor makes one up for.
+    # A process that waited for a processor sends one more, however late it is.
     assert 4 <= len(sent) <= 2 * (lived_s / 0.1 + 2), "both wheels, every 100 ms while it lives"
     assert {one.mode for one in sent} == {p.Mode.VELOCITY_PROFILE}
     turn = 0.4 * 0.3153 / 2
@@ -140,7 +140,7 @@ def test_saf_005_a_stop_holds_every_motor_and_reads_each_back(stretch: RealRobot
 def test_saf_010_a_command_that_waits_in_a_stopped_robot_is_followed_by_a_hold(
     stretch: RealRobot, twin: Twin
 ) -> None:
-    """The robot is stopped, a command is on its way to it, the caller stops, the robot goes on."""
+    """The robot pauses with a command under way. The caller stops, then the robot continues."""
     drive(stretch, twin, 0.1)
     twin.pause()
     stretch.set_twist(vx=0.29)
@@ -293,7 +293,7 @@ def test_saf_014_soft_limits_that_are_set_hold_at_once(stretch: RealRobot, twin:
 
 
 def test_saf_003_soft_limits_that_are_set_again_and_again_end_no_process(twin: Twin, run_dir: Path) -> None:
-    """They are told beside readings, at whatever moment of them."""
+    """They are sent at any moment between readings."""
     with robot_on(twin.port, "stretch3", control_frequency=50.0) as robot:
         armed(robot)
         wire, began_ns = pids(robot)["wire"], time.monotonic_ns()
@@ -318,7 +318,7 @@ def test_saf_013_the_wheels_watchdog_is_armed_and_read_back_and_stops_them_when_
         os.kill(victim, signal.SIGSTOP)
     for victim in victims:
         os.kill(victim, signal.SIGKILL)
-    time.sleep(1.0 + 0.5 + SLACK_S)  # it acts, and they roll out
+    time.sleep(1.0 + 0.5 + SLACK_S)  # its watchdog acts, and the wheels roll out
     with Robot("stretch3", mode="real", port=twin.port, tool_name="after") as other:
         until(lambda: "vx" in other.get_observation(), "another program reads it")
         assert other.get_observation()["vx"] == 0.0
@@ -327,7 +327,7 @@ def test_saf_013_the_wheels_watchdog_is_armed_and_read_back_and_stops_them_when_
 def test_saf_013_a_robot_whose_yaml_has_the_watchdog_off_does_not_drive(
     twin: Twin, run_dir: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Found by its own YAML, as on a robot."""
+    """The setting comes from the robot's own YAML, as on a real robot."""
     fleet = Path(twin.port).parent / "fleet"
     user = next(fleet.glob("*/stretch_user_params.yaml"))
     off = {f"hello-motor-{side}-wheel": {"gains": {"enable_vel_watchdog": 0}} for side in ("left", "right")}

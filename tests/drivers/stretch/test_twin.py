@@ -1,4 +1,4 @@
-"""The twin: what its boards make of anything, and the order in which it tells what it heard."""
+"""Test the twin: how its boards handle any bytes, and the order in which it reports them."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def world() -> World:
 
 
 def test_20_000_disturbed_frames_move_nothing_and_raise_nothing() -> None:
-    """Calls of every kind but commands, damaged: what a board takes it takes whole."""
+    """Damaged calls of every kind except commands. A board accepts only whole frames."""
     chance = random.Random(11)
     robot = world()
     ears = [ear for ear, _ in ears_of(robot).values()]

@@ -1,5 +1,4 @@
-"""hello-robot-stretch-body 0.7.31, unmodified, on the twin: each board by its class, and the whole
-robot."""
+"""Test the unmodified hello-robot-stretch-body 0.7.31 on the twin: each board by its class, and the whole robot."""
 
 from __future__ import annotations
 
@@ -19,8 +18,8 @@ from .vendor import environment
 pytestmark = pytest.mark.real_time
 
 LAST = ("nice", "-n", "10")
-"""The vendor's threads take both cores for seconds at a time: what the other workers' tests have not
-taken."""
+"""The vendor's threads use both cores for seconds at a time. With this priority they get only what other tests
+leave."""
 PATIENCE_S = 120.0
 Client = Callable[[str], dict[str, Any]]
 
@@ -32,7 +31,7 @@ def python() -> Path:
 
 @pytest.fixture
 def client(tmp_path: Path, python: Path) -> Iterator[Client]:
-    """Run one part of ``body_client`` and return what it saw."""
+    """Run one part of ``body_client`` and return its results."""
     with Twin("stretch3", tmp_path) as twin:
         fleet = Path(twin.port).parent / "fleet"
         (robot,) = fleet.iterdir()
@@ -98,7 +97,7 @@ def test_a_head_turns(client: Client) -> None:
 
 
 def test_the_whole_robot_starts_is_homed_and_moves_at_one_pulse(client: Client) -> None:
-    """All six boards and both chains. Its thread that looks for collisions ends: it wants the
+    """It has all six boards and both chains. Its thread that looks for collisions ends, because it needs the
     robot's URDF."""
     seen = client("robot")
     assert seen["started"] and seen["homed"]

@@ -1,4 +1,4 @@
-"""The wire and its stop channel in virtual time, on the twin's robot behind ports in memory."""
+"""Test the wire and its stop channel in virtual time, on the twin's robot behind ports in memory."""
 
 from __future__ import annotations
 
@@ -170,7 +170,7 @@ def test_nothing_is_armed_while_the_robot_sets_its_runstop_by_itself(alert: p.St
         await wire.open()
         assert (await wire.read()).sensors[sensor] == (0.0,)
         rig.world.set_alert(alert, True)
-        rig.world.set_runstop(False)  # somebody releases it, in vain
+        rig.world.set_runstop(False)  # releasing it has no effect
         with pytest.raises(WireDown, match=why):
             await wire.arm(Permission())
         sensors = (await wire.read()).sensors
@@ -204,7 +204,7 @@ def test_a_setpoint_goes_to_what_it_names_and_to_nothing_else() -> None:
 
 
 def test_a_servo_is_told_its_profile_again_behind_a_hold() -> None:
-    """A hold has no profile, so that nothing is eased to its stop."""
+    """A hold has no profile, so that a servo does not ease into its stop."""
 
     async def test() -> None:
         rig = Rig()
@@ -231,7 +231,7 @@ def test_saf_012_a_report_with_the_time_of_the_one_before_is_none() -> None:
         first = await wire.read()
         await trio.sleep(0.07)
         assert (await wire.read()).stamp_ns[0] > first.stamp_ns[0]
-        rig.world.set_fault(Fault.STUCK, 3)  # the lift's board answers what it answered
+        rig.world.set_fault(Fault.STUCK, 3)  # the lift's board repeats its last answer
         await wire.read()
         stamp_ns = (await wire.read()).stamp_ns[0]
         for _ in range(5):
@@ -248,7 +248,7 @@ def test_saf_012_a_report_with_the_time_of_the_one_before_is_none() -> None:
 
 
 def test_a_board_that_was_reset_is_connected_again() -> None:
-    """Its gains are those in flash again, whatever was set."""
+    """After a reset the gains in flash apply, whatever was set before."""
 
     async def test() -> None:
         rig = Rig()
@@ -403,7 +403,7 @@ def test_saf_005_a_board_that_hangs_does_not_confirm_a_stop_by_what_it_said_befo
         await wire.open()
         await wire.arm(Permission())
         await trio.sleep(0.05)
-        rig.world.set_fault(Fault.STUCK, 1)  # the left wheel's answers for ever that it holds
+        rig.world.set_fault(Fault.STUCK, 1)  # the left wheel keeps answering that it holds
         safer = wire if by == "wire" else rig.stop_channel()
         reports = {report.axis: report for report in await safer.make_safe("hold")}
         assert not reports["left_wheel"].safe and reports["left_wheel"].detail == "reports nothing new"
@@ -415,7 +415,7 @@ def test_saf_005_a_board_that_hangs_does_not_confirm_a_stop_by_what_it_said_befo
 
 
 def test_saf_005_a_report_from_before_a_board_took_the_stop_proves_nothing() -> None:
-    """Else a wheel that held stays at velocity zero, until its watchdog lets go of it."""
+    """Otherwise a wheel that held would stay at velocity zero until its watchdog releases it."""
 
     async def test() -> None:
         rig = Rig()
@@ -432,7 +432,7 @@ def test_saf_005_a_report_from_before_a_board_took_the_stop_proves_nothing() -> 
 
 
 def test_saf_012_a_report_of_the_power_board_with_the_time_of_the_one_before_is_none() -> None:
-    """It is where the runstop is read."""
+    """The runstop is read from this report."""
 
     async def test() -> None:
         rig = Rig()
@@ -452,7 +452,7 @@ def test_saf_012_a_report_of_the_power_board_with_the_time_of_the_one_before_is_
 
 
 def test_a_power_board_that_was_reset_is_connected_again() -> None:
-    """It stops nobody by its runstop, say, until it is configured."""
+    """Until it is configured, its runstop may not stop the motors."""
 
     async def test() -> None:
         rig = Rig()

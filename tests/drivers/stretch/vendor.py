@@ -1,5 +1,7 @@
-"""The vendor's client in an environment of its own, which is made once and kept in the user's cache:
-it is LGPL, and what it says it needs cannot be installed beside anything else."""
+"""The vendor's client in a separate environment, which is made once and kept in the user's cache.
+
+It is LGPL, and its listed dependencies cannot be installed together with other packages.
+"""
 
 from __future__ import annotations
 
@@ -13,9 +15,9 @@ NEEDS = (
     "numpy", "pyserial", "aioserial", "pyyaml", "click", "colorama", "filelock", "psutil", "opencv-python-headless",
     "dynamixel-sdk==4.1.0", "chime", "urchin", "meshio",
 )  # fmt: skip
-"""What its modules import. Its own list has audio, point clouds and a camera's SDK besides."""
+"""The packages that its modules import. Its own list also has audio, point clouds and a camera's SDK."""
 NOT_THERE = ("pyrealsense2",)
-"""Imported by one of its modules and used for nothing here: empty."""
+"""An empty module: one of the client's modules imports it, but these tests do not need it."""
 MADE_S = 600.0
 
 

@@ -1,4 +1,5 @@
-"""SAF-014: what legs are not told. Pure: each gate and each condition by itself, with its words."""
+"""SAF-014: test the commands that robots with legs are not sent: each gate and each condition by itself, with
+its message. No I/O."""
 
 from __future__ import annotations
 
@@ -31,8 +32,8 @@ def go2(robot: str = "unitree_go2", **options: Any) -> Go2Driver:
 
 
 def observation(driver: Driver, age_s: float = 0.0, **sensors: tuple[float, ...] | None) -> Observation:
-    """Of a robot that may be commanded, but for what is given; a sensor that is None is not
-    there."""
+    """Return an observation of a robot that accepts commands, changed by ``sensors``. A sensor of None is
+    missing."""
     stamp_ns = NOW_NS - round(age_s * NS)
     position = tuple((axis.low + axis.high) / 2 for axis in driver.table)
     known: dict[str, tuple[float, ...]] = {
@@ -54,7 +55,7 @@ def state(driver: Driver, target: tuple[float, ...] = (), period_s: float = 0.00
 
 
 def verdict(driver: Driver, action: Any, at: GateState) -> Candidate | Refused:
-    """As the gate asks: the conditions, the parser, the gates."""
+    """Judge an action as the gate does: the conditions, the parser, the gates."""
     for condition in driver.conditions:
         refusal = condition.check(at.observation, at.now_ns)
         if refusal is not None:
@@ -79,7 +80,7 @@ def here(driver: Driver, joint: str) -> float:
     return observation(driver).position[driver.axes.index(joint)]
 
 
-# -- what is accepted
+# -- accepted commands
 
 
 def test_a_number_is_a_position_with_the_joints_own_gains() -> None:
@@ -92,7 +93,7 @@ def test_a_number_is_a_position_with_the_joints_own_gains() -> None:
     assert accepted.values[knee + count * KP] == 100.0
     assert accepted.values[knee + count * KD] == 2.0
     assert accepted.named == (knee,)
-    # the others are held where they are
+    # the others hold their position
     assert accepted.values[0] == at.observation.position[0]
     assert accepted.values[count * KP] == 60.0
 
@@ -149,7 +150,7 @@ def test_what_send_action_answers() -> None:
 @pytest.mark.parametrize(("action", "code", "words"), [
     ({}, "empty", "names no joint"),
     ({"knee": 0.0}, "unknown_joint", "knee is not a joint of unitree_g1"),
-    ({"3": 0.0}, "unknown_joint", "3 is not a joint"),  # never an index
+    ({"3": 0.0}, "unknown_joint", "3 is not a joint"),  # an index is no name
     ({"": 0.0}, "unknown_joint", "'' is not a joint"),
     ({"left_knee": 0.5, "left_knee_joint": 0.5}, "both_spellings", "left_knee and left_knee_joint are both given"),
     ({"left_knee": math.nan}, "not_finite", "left_knee.q is nan"),
@@ -182,7 +183,7 @@ def test_saf_014_no_action_breaks_the_parser(action: dict[str, Any]) -> None:
 
 
 def whole(driver: Driver, **rows: float) -> dict[str, dict[str, float]]:
-    """Every joint where it is, with these rows beside."""
+    """Return a command that holds every joint, with these rows added."""
     position = observation(driver).position
     return {axis: {"q": q, **rows} for axis, q in zip(driver.axes, position, strict=True)}
 
@@ -263,7 +264,7 @@ def test_saf_014_before_the_first_state() -> None:
     ((1.0, NOW_S), "fsm", "FSM 1 (damp) does not accept low-level commands; needs 500, 501 or 801"),
     ((0.0, NOW_S), "fsm", "FSM 0 (zero torque) does not"),
     ((999.0, NOW_S), "fsm", "FSM 999 does not"),
-    ((801.0, NOW_S - 1.3), "fsm_stale", "FSM id is 1.3 s old (limit 1.0 s)"),  # a stale id is no id
+    ((801.0, NOW_S - 1.3), "fsm_stale", "FSM id is 1.3 s old (limit 1.0 s)"),  # a stale id does not count
     (None, "fsm_unknown", "the FSM id is not known"),
 ])  # fmt: skip
 def test_saf_014_the_g1_is_commanded_in_three_states(
@@ -300,7 +301,7 @@ def test_saf_014_the_others_once_they_are_released(
 
 
 def told(battery: tuple[float, float] | None) -> dict[str, tuple[float, ...] | None]:
-    """Charge in percent and when it was told, as sensors."""
+    """Return the sensors for a charge in percent and the time of its report."""
     if battery is None:
         return {"battery_pct": None, "battery_stamp_s": None}
     return {"battery_pct": battery[:1], "battery_stamp_s": battery[1:]}
@@ -330,14 +331,14 @@ def test_saf_014_a_low_battery_and_an_unknown_one_are_two_refusals(
 def test_saf_014_a_joint_that_is_not_named_is_told_no_number_that_is_not_finite(
     robot: str, row: int, value: float
 ) -> None:
-    """It is told where it was read, or what was accepted before, in every frame."""
+    """Every frame gives such a joint its reading, or the target that was accepted before."""
     driver = g1() if robot == "unitree_g1" else go2(robot)
     count = len(driver.axes)
     named, lost = driver.axes[:2]
     at = state(driver)
     before = verdict(driver, {named: here(driver, named)}, at)
     assert isinstance(before, Candidate)
-    if row == Q:  # as the robot reports it, after arming
+    if row == Q:  # as reported by the robot after arming
         position = tuple(value if axis == lost else q for axis, q in zip(driver.axes, at.target, strict=True))
         at = msgspec.structs.replace(
             at, observation=msgspec.structs.replace(at.observation, position=position), target=position
@@ -390,11 +391,11 @@ def test_a_limit_itself_is_allowed(part: dict[str, float]) -> None:
 
 @pytest.mark.parametrize(("period_s", "reach_s"), [(0.002, 0.002), (0.02, 0.02), (1.0, 0.1), (0.0, CONTROL_S)])
 def test_saf_011_no_joint_jumps(period_s: float, reach_s: float) -> None:
-    """A stream steps as far as the joint turns in its period, a command on its own in a control
+    """A stream steps as far as the joint turns in its period. A single command steps as far as in one control
     period."""
     driver = g1()
     knee = driver.axes.index("left_knee")
-    target = [0.0] * (29 * 5)  # a target of before: the knee is straight
+    target = [0.0] * (29 * 5)  # an earlier target: the knee is straight
     at = state(driver, tuple(target), period_s=period_s)
     allowed = 20.0 * reach_s * 1.2
     assert isinstance(verdict(driver, {"left_knee": 0.999 * allowed}, at), Candidate)
@@ -405,7 +406,7 @@ def test_saf_011_no_joint_jumps(period_s: float, reach_s: float) -> None:
 
 
 def test_saf_011_the_first_step_starts_where_the_joint_is_now() -> None:
-    """Not where it was when the robot was armed: it may have walked since."""
+    """The position at arming does not count: the robot may have walked since."""
     driver = g1()
     at = state(driver)
     armed_at = (0.0,) * 29
@@ -424,8 +425,7 @@ def test_the_joints_of_every_robot_are_limited() -> None:
 
 
 def test_a_policy_may_return_what_it_observed_of_a_joint_at_its_stop() -> None:
-    """In float32, and in the noise of its sensor: a joint that rests on its stop is measured past
-    it as often as not."""
+    """The values are in float32 and with sensor noise. A joint that rests on its stop is often measured past it."""
     driver = g1()
     for joint in driver.table:
         at_stop = state(driver)

@@ -1,6 +1,8 @@
-"""A G1 and an H1 that walk by their locomotion service: lifetimes, stops, postures and refusals, in
-virtual time, read from the twin's log of the wire. The twin keeps a velocity for ever, unless a test
-says otherwise."""
+"""Test a G1 and an H1 that walk by their locomotion service, in virtual time.
+
+The tests cover lifetimes, stops, postures and refusals, and read the twin's log of the wire. The twin keeps a
+velocity for ever unless a test changes that.
+"""
 
 from __future__ import annotations
 
@@ -40,7 +42,8 @@ MakeWorld = Callable[..., World]
 def make_world(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> MakeWorld:
     def make(robot: str, **options: float) -> World:
         world = World(tmp_path, monkeypatch, robot, **options)
-        monkeypatch.setattr(world.server.onboard.body, "catch_up", lambda now_s: None)  # physics shows nothing here
+        # the test does not need physics
+        monkeypatch.setattr(world.server.onboard.body, "catch_up", lambda now_s: None)
         return world
 
     return make
@@ -64,7 +67,7 @@ def on(world: World, act: Callable[[Commander], Awaitable[None]]) -> None:
 
 
 def numbers_asked(world: World, since_ns: int = 0) -> list[int]:
-    """Return the FSM ids that the robot was set to, in their order."""
+    """Return the FSM ids that the robot was set to, in order."""
     entries = (entry for entry in world.log.entries(since_ns) if entry.sender == "host" and entry.kind != "read")
     requests = [rpc.decode_request(entry.data) for entry in entries]
     set_mode = words_of(world).set_mode
@@ -101,7 +104,7 @@ def test_saf_001_a_velocity_ends_with_its_lifetime_and_the_robot_stands(world: W
 
 
 def test_saf_001_the_robot_ends_a_velocity_by_itself_when_nobody_is_heard(make_world: MakeWorld) -> None:
-    """Its duration is part of the request."""
+    """The duration is part of the request."""
     world = make_world("unitree_g1", keeps_s=1.0)
 
     async def act(robot: Commander) -> None:
@@ -199,7 +202,7 @@ def test_saf_021_a_robot_that_answers_and_walks_on_is_not_confirmed(
 
 
 def test_saf_021_a_stop_overtakes_standing_up_and_nothing_follows_it(world: World) -> None:
-    """It stands with locked joints then: the request that would have it walk is never made."""
+    """The robot then stands with locked joints. The request to walk is never sent."""
 
     async def act(robot: Commander) -> None:
         await robot.do("damp")
@@ -226,7 +229,8 @@ def test_saf_021_a_stop_overtakes_standing_up_and_nothing_follows_it(world: Worl
 def test_saf_023_a_g1_without_odometry_is_confirmed_once_it_had_time_to_tell_its_speed(
     make_world: MakeWorld,
 ) -> None:
-    """The root begins to hear it when it stops it: by its answer alone it would be confirmed at once."""
+    """The root begins to receive odometry when it stops the robot. The answer alone would confirm the stop at
+    once."""
     world = make_world("unitree_g1")
     world.server._gait_writer = None
 
@@ -267,7 +271,7 @@ def test_saf_021_a_stop_that_is_refused_counts_only_of_a_robot_that_rests(
     on(world, act)
 
 
-# -- what is refused, and is not written
+# -- refusals, which are not written
 
 
 @pytest.mark.parametrize(
@@ -285,7 +289,7 @@ def test_saf_021_a_stop_that_is_refused_counts_only_of_a_robot_that_rests(
 def test_saf_014_a_robot_that_would_ignore_a_velocity_is_told_none(
     make_world: MakeWorld, robot_name: str, mode: int, remedy: str
 ) -> None:
-    """It answers success all the same: the twin shows that it does not move."""
+    """The robot answers success, but the twin shows that it does not move."""
     world = make_world(robot_name)
 
     async def act(robot: Commander) -> None:
@@ -359,7 +363,7 @@ def test_saf_021_a_robot_that_answers_and_does_not_stand_up_is_no_success(
 
 
 def test_saf_021_a_robot_whose_joints_still_move_has_not_stood_up(make_world: MakeWorld) -> None:
-    """It reports the state at once. Start is asked for when it has come to rest."""
+    """It reports the new state at once. The wire sends Start only when the joints have come to rest."""
     world = make_world("unitree_g1")
 
     async def act(robot: Commander) -> None:
@@ -385,7 +389,7 @@ def test_saf_021_a_robot_whose_joints_still_move_has_not_stood_up(make_world: Ma
 
 
 def test_the_twin_walks_only_once_it_has_stood_up(make_world: MakeWorld) -> None:
-    """A toggle or a number that it ignores is answered with success, as by the robot."""
+    """The twin ignores a toggle or a number, yet answers success, as the robot does."""
     gait = make_world("unitree_g1").gait
     gait.advance(1.0)
     for number in (DAMP, 500, SQUAT, 500, 4, 500):
@@ -439,7 +443,7 @@ def test_a_pose_that_is_none_is_refused(data: str) -> None:
 
 
 def test_the_bench_of_a_robot_that_walks_leaves_the_other_level_as_it_is() -> None:
-    """One process measures both, one after the other."""
+    """One process measures both levels, one after the other."""
     prepare("unitree_g1:sport", "")
     assert get_native_driver_class("unitree_g1") is G1Driver
     assert column("unitree_g1:sport")[1].endswith(":G1Walking")

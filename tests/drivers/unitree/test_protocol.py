@@ -1,4 +1,4 @@
-"""Unitree's frames against their published layout, and a checksum written out bit by bit."""
+"""Compare Unitree's frames with their published layout, and the checksum with a bitwise one."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ SINGLE = st.floats(width=32, allow_nan=False, allow_infinity=False)
 
 
 def rows(model: Model) -> list[tuple[float, ...]]:
-    """q, dq, tau, kp, kd: each number says which row and joint it is of."""
+    """Return q, dq, tau, kp and kd. Each number shows its row and joint."""
     return [tuple(100.0 * row + at for at in range(len(model.joints))) for row in range(1, 6)]
 
 
@@ -47,7 +47,7 @@ def sample(model: Model, soc: int = 77) -> State:
 
 
 def slow_crc(words: list[int]) -> int:
-    """CRC-32 as the robot's firmware computes it: bit by bit, most significant first."""
+    """Return the CRC-32 as the robot's firmware computes it: bit by bit, most significant first."""
     crc = 0xFFFFFFFF
     for word in words:
         for bit in range(31, -1, -1):
@@ -57,7 +57,7 @@ def slow_crc(words: list[int]) -> int:
 
 
 def image(body: bytes, first_motor: int) -> bytes:
-    """The C struct: the first motor's mode byte has its padding where all others have it."""
+    """Return the C struct, in which each motor's mode byte is followed by padding."""
     before = b"\0" * (-first_motor % 4)
     after = first_motor + 1 + (-(first_motor + 1) % 4)
     return body[:first_motor] + before + body[first_motor : first_motor + 1] + b"\0\0\0" + body[after:]
@@ -81,8 +81,7 @@ def test_a_command_is_summed_as_the_firmware_does(robot: str) -> None:
 
 
 def test_the_bitwise_sum_is_crc_32_mpeg_2() -> None:
-    """Of a message of one word, worked out by polynomial division: ones only, and its
-    complement."""
+    """The expected values are from a polynomial division of one word: all ones, and its complement."""
     assert slow_crc([0xFFFFFFFF]) == 0
     assert slow_crc([0]) == 0xC704DD7B
 
@@ -151,7 +150,7 @@ def test_one_wrong_bit_is_no_command(robot: str, data: st.DataObject) -> None:
     model = model_of(robot)
     codec = CommandCodec(model)
     body = bytearray(codec.encode(5, flat(rows(model))))
-    # bytes that CDR pads with are no part of the C struct
+    # The padding bytes of CDR are not in the C struct.
     padding = {3} if model.family == "hg" else {23}
     at = data.draw(st.integers(0, len(body) - 1).filter(lambda byte: byte not in padding))
     body[at] ^= 1 << data.draw(st.integers(0, 7))
@@ -167,7 +166,7 @@ def test_a_frame_keeps_nothing_of_the_one_before_nor_changes_it(robot: str) -> N
     kept = bytes(first)
     assert codec.encode(0, zeros) == CommandCodec(model).encode(0, zeros)
     with pytest.raises((struct.error, OverflowError)):
-        codec.encode(0, [*zeros[:-1], 1e300])  # no single-precision number
+        codec.encode(0, [*zeros[:-1], 1e300])  # overflows single precision
     assert codec.encode(0, zeros) == CommandCodec(model).encode(0, zeros)
     assert first == kept == codec.encode(5, flat(rows(model)))
 
@@ -196,7 +195,7 @@ def test_noise_is_garbled_and_nothing_worse(noise: bytes) -> None:
 @pytest.mark.parametrize("row", ["quaternion", "gyroscope", "accelerometer", "q", "dq", "tau"])
 @pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf])
 def test_saf_014_a_state_with_a_number_that_is_not_finite_is_none(robot: str, row: str, value: float) -> None:
-    """Joints are held where a state says that they are."""
+    """The wire holds joints at the positions in a state."""
     codec = StateCodec(model_of(robot))
     state = sample(model_of(robot))
     broken = state._replace(**{row: (*getattr(state, row)[:-1], value)})
@@ -314,7 +313,7 @@ def test_left_and_right_mirror_each_other() -> None:
 
 
 def test_a_state_says_roll_pitch_and_yaw() -> None:
-    """For clients that do not turn the quaternion themselves."""
+    """Some clients do not convert the quaternion themselves."""
     half = math.sqrt(0.5)
     for robot, at in (("unitree_g1", 56), ("unitree_go2", 64)):
         model = model_of(robot)

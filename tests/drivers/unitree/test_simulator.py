@@ -1,4 +1,4 @@
-"""Unitree's own simulator: what it says, told from a robot, and what is refused then."""
+"""Test Unitree's own simulator: its messages, how it differs from a robot, and the refusals that follow."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ SIMULATOR = {"simulator": True, "domain": 1}
 
 
 def refusal_of(port: str, **options: object) -> str:
-    """Why the wire does not open."""
+    """Return why the wire does not open."""
     wire = G1Driver("unitree_g1", port, options).open_wire(MonotonicClock())
     try:
         with pytest.raises(WireDown) as down:
@@ -80,8 +80,8 @@ for _ in range(20_000):  # 100 s: whoever waits for its words ends, too
     states.Write(state)
     threading.Event().wait(0.005)
 """
-"""What matters of unitree_mujoco here, by Unitree's own SDK in the configuration that it uses there: on the
-loopback interface it is found by multicast alone, at ports that nobody knows before."""
+"""The relevant part of unitree_mujoco, with Unitree's own SDK in its configuration. On the loopback interface
+it is found by multicast only, at ports that are not known before."""
 
 
 @pytest.mark.long
@@ -101,7 +101,7 @@ def test_unitrees_own_simulator_is_found_on_this_host() -> None:
 
 
 def test_saf_014_a_robot_that_is_called_a_simulator_is_not_commanded(tmp_path: Path) -> None:
-    """Without mode, FSM and battery nothing would be asked before it moves."""
+    """Without mode, FSM and battery the driver would check nothing before the robot moves."""
     with TwinProcess(tmp_path, "unitree_g1", "unitree", options={"domain": 1}) as served:
         assert "that is a robot" in refusal_of(served.port, simulator=True)
         assert not [line for line in served.logged("host") if line[0] in ("setpoint", "safe")]
@@ -128,7 +128,7 @@ def test_a_twin_takes_no_command_for_another_machine(tmp_path: Path) -> None:
 
         try:
             until(polled(lambda: link.heard), "they find each other")
-            link.send(link.encode((0.0,) * 145))  # no state was heard: mode_machine is 0
+            link.send(link.encode((0.0,) * 145))  # no state was received: mode_machine is 0
             until(polled(lambda: "other" in [kind for kind, _ in served.logged("host")]), "it is heard")
         finally:
             link.close()

@@ -1,4 +1,4 @@
-"""Legs with their tree: real processes on RTPS, read from the twin's log."""
+"""Test robots with legs and their tree: real processes on RTPS. The twin's log decides."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ from tests.drivers.common.twin_process import TwinProcess
 
 
 class Legs:
-    """A robot that is connected and armed, its twin, and the twin's log."""
+    """A connected and armed robot, its twin, and the twin's log."""
 
     def __init__(self, robot: RealRobot, twin: TwinProcess) -> None:
         self.robot = robot
@@ -49,7 +49,7 @@ class Legs:
         return None if row is None else row[0]
 
     def refused(self, action: Mapping[str, Any]) -> tuple[str, str]:
-        """Code and words."""
+        """Return the code and the text of a refusal."""
         answer = self.robot.send_action(action)
         assert answer["status"] == "error", answer
         text, json = answer["content"]
@@ -60,8 +60,10 @@ class Legs:
         return json
 
     def run(self, make_policy: Callable[[], object], setpoints: int = 100, **keywords: Any) -> int:
-        """Start a rollout and see it move: once more, from where the robot is then, where a machine
-        that is busy for as long as a setpoint lives ends it. Return when it began."""
+        """Start a rollout and wait until the robot moves. Return when it began.
+
+        If a busy machine ends the rollout, start it again from the robot's present position.
+        """
         began_ns = 0
 
         def moves() -> bool:
@@ -99,8 +101,8 @@ def legs(
 
 
 class Stand:
-    """Keeps every joint where it is first seen. Half a second of actions at a time: the machine may
-    be busy."""
+    """A policy that keeps every joint at its first position. It returns half a second of actions at a time, for
+    a busy machine."""
 
     def __init__(self, kp: float = 200.0, kd: float = 6.0) -> None:
         self._gains = {"kp": kp, "kd": kd}
@@ -174,7 +176,7 @@ def test_saf_014_an_unknown_battery_refuses(tmp_path: Path, kind: str) -> None:
 
 
 def test_saf_014_a_stale_fsm_id_is_no_id(tmp_path: Path) -> None:
-    """The mode that serves it is gone: its last answer grows old."""
+    """The mode that serves the id is gone, so the last answer grows old."""
     with legs(tmp_path) as g1:
         elbow = g1.robot.get_observation()["left_elbow"]
         g1.order("mode -", lambda: g1.refused({"left_elbow": {"q": elbow, "kp": -1}})[0] == "fsm_stale")
@@ -206,7 +208,7 @@ def test_saf_014_a_rollout_of_a_robot_that_may_not_move_is_refused_at_the_call(t
                 assert answer["status"] == "error", answer
                 assert answer["content"][0]["text"].startswith("run_policy: ")
                 assert answer["content"][1]["json"]["refused"]["code"] == code
-                assert g1.status()["state"] == "armed"  # and not ended by the refusal
+                assert g1.status()["state"] == "armed"  # the refusal does not end the arming
         assert not g1.log.host("setpoint") and not g1.task()["running"]
         assert g1.robot.run_policy(Stand(), duration=0.5)["status"] == "success"
         assert g1.wait_for_the_end()["exit_reason"] == "duration"
@@ -239,7 +241,8 @@ def test_saf_003_leaving_the_handshake_ends_a_rollout_at_once(tmp_path: Path) ->
         if (response := rpc.decode_response(entry.data)).api == rpc.GET_FSM_ID and rpc.fsm_id(response) == 1
     )
     asked_ns = g1.events("fsm")[-1].t_ns
-    # Told within a tenth of a second; then at most what two control periods hold.
+    # The policy was informed within a tenth of a second. After that at most two control periods of setpoints
+    # follow.
     assert len(g1.log.host("setpoint", told_ns)) <= 3
     assert (told_ns - asked_ns) / 1e9 < 0.1 + 0.4
     assert g1.log.setpoints_after_safe(told_ns) == 0
@@ -248,12 +251,12 @@ def test_saf_003_leaving_the_handshake_ends_a_rollout_at_once(tmp_path: Path) ->
 def test_saf_012_a_robot_that_falls_silent_is_lost_and_comes_back_disarmed(tmp_path: Path) -> None:
     with legs(tmp_path) as g1:
         g1.run(Stand, duration=30.0)
-        g1.twin.command("fault off")  # hears nothing, says nothing
+        g1.twin.command("fault off")  # the twin receives and sends nothing
         g1.wait_for_the_end()
         until(lambda: "no LowState for" in (g1.status()["connect_error"] or ""), "its link is lost")
         g1.twin.command("fault ok")
         until(lambda: g1.status()["connected"] and g1.status()["state"] == "disarmed", "it is back, disarmed")
-        assert g1.log.host("safe")  # what may still be energised is let go first
+        assert g1.log.host("safe")  # motors that may still be energised are released first
 
 
 @pytest.mark.long
@@ -265,7 +268,7 @@ def test_saf_020_a_robot_that_is_not_understood_is_let_go_and_hears_every_stop(t
         g1.wait_for_the_end()
         until(lambda: not g1.status()["connected"], "its link is lost")
         until(lambda: g1.log.host("safe", broken_ns), "it is let go")
-        time.sleep(1.0)  # it is looked for meanwhile
+        time.sleep(1.0)  # the tree searches for it in this time
         for pause_s in (0.0, 0.8):
             time.sleep(pause_s)
             stopped_ns = time.monotonic_ns()
@@ -284,7 +287,7 @@ def test_saf_020_a_wire_without_a_link_finds_the_robot_and_lets_it_go(tmp_path: 
         frames = [entry for entry in WireLog(served.log_path).entries() if entry.sender == "host"]
         states = [entry.safe_state for entry in frames if entry.kind in ("safe", "setpoint")]
         assert len(states) >= 3 and set(states) == {"zero_torque"}
-        assert "other" not in {entry.kind for entry in frames}  # each with the robot's mode_machine
+        assert "other" not in {entry.kind for entry in frames}  # each has the robot's mode_machine
         wire.close()
 
 
@@ -298,14 +301,14 @@ def test_saf_012_garbled_states_are_none(tmp_path: Path) -> None:
 
 
 def commanded(robot: Legs, kind: str) -> list[float]:
-    """Every number of every LowCmd."""
+    """Return all numbers of all LowCmds."""
     decode = CommandCodec(model_of(kind)).decode
     commands = [decode(entry.data) for entry in robot.log.host("setpoint") + robot.log.host("safe")]
     return [number for command in commands for row in command[2:] for number in row]
 
 
 def test_saf_014_a_joint_that_is_nowhere_ends_what_is_live(tmp_path: Path) -> None:
-    """Its NaN would go out as the position at which it is to be held, whoever is named."""
+    """Its NaN would be sent as the joint's hold position, whichever joint a command names."""
     with legs(tmp_path) as g1:
         g1.run(Stand, duration=30.0)
         g1.twin.command("nan left_elbow")
@@ -325,7 +328,7 @@ def test_saf_014_a_joint_that_is_nowhere_is_not_held_there(tmp_path: Path, kind:
         named, lost, *_ = model_of(kind).axes
         rad = robot.robot.get_observation()[named]
         never = {named: {"q": rad, "kp": -1.0}}
-        robot.order(f"nan {lost}", lambda: robot.refused(never)[0] != "gain")  # there is no state any more
+        robot.order(f"nan {lost}", lambda: robot.refused(never)[0] != "gain")  # there is no valid state any more
         robot.refused({named: rad})
         assert not robot.log.host("setpoint")
         assert all(map(math.isfinite, commanded(robot, kind)))
@@ -345,7 +348,7 @@ def test_a_stop_may_damp_before_it_lets_go(tmp_path: Path) -> None:
 
 
 def test_saf_012_a_state_that_repeats_its_tick_ends_a_rollout_and_confirms_no_stop(tmp_path: Path) -> None:
-    """A robot that says the same whatever it is told has not let go, whatever that is."""
+    """A robot that repeats its state whatever it receives gives no proof that it has let go."""
     with legs(tmp_path) as g1:
         g1.run(Stand, duration=30.0)
         g1.twin.command("fault stuck")
@@ -384,7 +387,7 @@ def test_saf_014_the_others_are_refused_until_released(tmp_path: Path, kind: str
         told = json_of(robot.robot.send_action({joint: rad}))
         assert told["sport_mode_released"] is True and told["joints"] == [joint] and len(told["slots"]) == 1
         until(lambda: bool(robot.log.host("setpoint")), "the accepted command")
-        assert not robot.log.host("garbled")  # its own family's frames
+        assert not robot.log.host("garbled")  # frames of its family
 
 
 def test_the_verb_is_refused_while_the_robot_is_locked_or_moved(tmp_path: Path) -> None:
@@ -401,7 +404,7 @@ def test_the_verb_is_refused_while_the_robot_is_locked_or_moved(tmp_path: Path) 
 
 
 def test_the_interface_may_be_named(tmp_path: Path) -> None:
-    """As ``network_interface="eth0"`` on a robot's network: here the loopback."""
+    """Like ``network_interface="eth0"`` on a robot's network, but on the loopback."""
     with legs(tmp_path, "unitree_go2", network_interface="lo") as go2:
         assert go2.status()["connected"] is True
 
@@ -411,19 +414,19 @@ def test_what_connecting_says(tmp_path: Path) -> None:
         status = go2.status()
         assert (status["family"], status["onboard_mode"]) == ("unitree_go", "normal")
         assert status["state"] == "armed"
-        assert not go2.log.host("setpoint") and not go2.log.host("safe")  # connecting commands nothing
+        assert not go2.log.host("setpoint") and not go2.log.host("safe")  # connecting sends no commands
 
 
 def test_a_stop_of_a_robot_that_stands_by_itself(tmp_path: Path) -> None:
-    """It takes no commands of ours: frames go out all the same, and the report says who holds
-    it."""
+    """The robot ignores our commands. The frames leave all the same, and the report names the mode that has
+    control."""
     with legs(tmp_path, "unitree_go2") as go2:
         answer = go2.robot.stop()
         assert answer["status"] == "success", answer  # type: ignore[index]
         motors = answer["content"][0]["json"]["motors"]  # type: ignore[index]
         assert motors["FL_hip_joint"]["detail"] == "held by the robot's own controller, sport mode 'normal'"
         assert go2.log.host("safe") and not go2.events("fell")
-        answer = go2.robot.cleanup()  # in the time that a tree which ends gives its wire
+        answer = go2.robot.cleanup()  # within the time that an ending tree gives its wire
         assert (answer or {"status": "success"})["status"] == "success", answer
     assert not go2.events("fell")
 
@@ -438,13 +441,14 @@ def test_nobody_there(tmp_path: Path) -> None:
     robot.cleanup()
 
 
-# -- strangers on the network
+# -- foreign participants on the network
 
 
 @pytest.mark.long
 def test_saf_017_a_stranger_who_knows_the_robots_name_ends_nothing_and_hears_nothing(tmp_path: Path) -> None:
-    """One datagram with the robot's GUID and a sequence number far ahead made every true state an
-    old one: the robot was let go. And who listed the robot's address among its own was a peer."""
+    """Two faults of an earlier version: one datagram with the robot's GUID and a sequence number far ahead made
+    every true state an old one, so the robot was let go. And a participant that listed the robot's address
+    among its own became a peer."""
     with legs(tmp_path) as g1, contextlib.ExitStack() as stack:
         knee = g1.robot.get_observation()["left_knee"]
         stranger = Participant(0, "127.0.0.77", (g1.twin.port,), False)
@@ -473,7 +477,7 @@ def test_saf_017_a_stranger_who_knows_the_robots_name_ends_nothing_and_hears_not
                     out.sendto(claimed, ("127.0.0.1", port))
                 stranger.poll()
         end = time.monotonic() + 1.5
-        while time.monotonic() < end:  # as long as it took to be lost, and more
+        while time.monotonic() < end:  # longer than the loss takes
             stranger.poll()
             status = g1.status()
             assert status["state"] == "armed" and 0 <= status["observation_age_s"] < 1.0, status

@@ -1,4 +1,4 @@
-"""The twin's computer and body, on a clock of the test's own."""
+"""Test the twin's computer and body. The test controls the clock."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ STEP_S = 0.002
 
 
 class Twin:
-    """An ``Onboard`` whose time the test passes."""
+    """An ``Onboard`` with a clock that the test advances."""
 
     def __init__(self, robot: str, **options: Any) -> None:
         self.events: list[tuple[str, str]] = []
@@ -72,7 +72,7 @@ def test_a_g1_stands_by_a_pd_policy() -> None:
 
 
 def test_without_torque_it_falls_and_damped_it_falls_later() -> None:
-    """The figures of the driver's page: how each safe state ends."""
+    """The figures are on the driver's page: how each safe state ends."""
     fallen_s: dict[str, float] = {}
     for safe_state, kd in (("zero_torque", 0.0), ("damp", 3.0)):
         twin = Twin("unitree_g1")
@@ -102,7 +102,7 @@ def test_a_g1_obeys_commands_in_three_states_only(fsm: int) -> None:
     twin.onboard.set_fsm(fsm)
     twin.command(twin.home, kp=200.0, kd=6.0)
     twin.run(3.0)
-    assert twin.onboard.body.fallen  # what it does in these states is not to stand
+    assert twin.onboard.body.fallen  # it does not stand in these states
     assert ("fsm", str(fsm)) in twin.events
 
 

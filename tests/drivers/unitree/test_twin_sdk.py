@@ -1,6 +1,8 @@
-"""Unitree's own Python client, as it is, against the G1's twin: it releases the robot's controller,
-reads states and bends an elbow; a command for another machine, or with a wrong checksum, does
-not."""
+"""Test Unitree's own, unmodified Python client against the G1's twin.
+
+It releases the robot's controller, reads states and bends an elbow. A command for another machine, or with a
+wrong checksum, has no effect.
+"""
 
 from __future__ import annotations
 
@@ -103,7 +105,7 @@ def test_the_vendors_client_releases_reads_and_commands(tmp_path: Path) -> None:
     assert [mode["name"] for mode in told["modes"]] == ["ai", ""]
     assert told["machine"] == 5 and told["crc"]
     assert abs(told["quaternion"][0]) < 1.0 and any(told["rpy"])
-    # By the twin's log: how far the elbow swings beside that is gravity's, once nothing holds it up.
+    # The order in the twin's log counts. Without a hold, gravity moves the elbow, too.
     first = {kind: kinds.index(kind) for kind in ("other", "garbled", "setpoint")}
     assert first["other"] < first["garbled"] < first["setpoint"], "refused, refused, taken"
     assert "garbled" not in kinds[first["setpoint"] :]

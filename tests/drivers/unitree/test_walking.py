@@ -1,5 +1,7 @@
-"""A Go2 that walks by its onboard controller: lifetimes, stops, postures and refusals, in virtual time,
-read from the twin's log of the wire. The twin keeps a velocity for ever."""
+"""Test a Go2 that walks by its onboard controller: lifetimes, stops, postures and refusals.
+
+The tests run in virtual time and read the twin's log of the wire. The twin keeps a velocity for ever.
+"""
 
 from __future__ import annotations
 
@@ -153,7 +155,7 @@ def test_saf_021_a_robot_that_answers_and_walks_on_is_not_confirmed(
     on(world, act)
 
 
-# -- what is refused, and is not written
+# -- refusals, which are not written
 
 
 @pytest.mark.parametrize(
@@ -167,7 +169,7 @@ def test_saf_021_a_robot_that_answers_and_walks_on_is_not_confirmed(
 def test_saf_014_a_robot_that_would_ignore_a_velocity_is_told_none(
     world: World, api: int, mode: int, remedy: str
 ) -> None:
-    """It answers success all the same: the twin shows that it does not move."""
+    """The robot answers success, but the twin shows that it does not move."""
 
     async def act(robot: Commander) -> None:
         world.gait.order(api, {})

@@ -1,6 +1,8 @@
-"""SAF-003: a robot that walks by its onboard controller, and one process of ours that ends or freezes.
-A handful of the cells of the kill matrix; ``strands-actors matrix --drivers unitree_go2:sport
-unitree_g1:sport`` has them all."""
+"""SAF-003: test a robot that walks by its onboard controller while one of our processes ends or freezes.
+
+These are a few cells of the kill matrix. ``strands-actors matrix --drivers unitree_go2:sport unitree_g1:sport``
+runs them all.
+"""
 
 from __future__ import annotations
 
@@ -21,7 +23,7 @@ HANDFUL = {
 
 
 def handful() -> Iterator[Any]:
-    """A test of each, by bench."""
+    """Yield one test per cell, sorted by bench."""
     for column, wanted in HANDFUL.items():
         cells = [cell for cell in cells_of(driver_of(column)) if (cell.victim, cell.fault) in wanted]
         assert len(cells) == len(wanted)

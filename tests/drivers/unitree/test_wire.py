@@ -1,5 +1,5 @@
-"""What the wire makes of what it hears, and when that was so: answers and states given to it one by
-one, on a clock of the test's own."""
+"""Test how the wire judges answers and states, and their age. The test supplies each one, and controls the
+clock."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ DRIVERS: dict[str, type[Driver]] = {"unitree_g1": G1Driver, "unitree_go2": Go2Dr
 
 
 class Hands(MonotonicClock):
-    """A clock that the test turns on."""
+    """A clock that the test advances."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -51,7 +51,7 @@ class Hands(MonotonicClock):
 
 
 class Rig:
-    """A session that hears what the test says, and what the conditions make of it."""
+    """A session that receives the test's messages, with the conditions on its observation."""
 
     def __init__(self, robot: str, **options: Any) -> None:
         self.clock = Hands()
@@ -63,7 +63,7 @@ class Rig:
         self._tick = 0
 
     def says(self, nm: float = 0.0, tick: int | None = None, soc: int = 80, writer: bytes = b"") -> None:
-        """A state; its tick goes on, unless one is given. ``writer``: of which life of the robot."""
+        """Deliver a state. Its tick advances unless one is given. ``writer`` identifies the robot's incarnation."""
         self._tick = self._tick + 2 if tick is None else tick
         count = len(self.model.joints)
         zero, none = (0.0,) * count, (0.0,) * 3
@@ -73,7 +73,7 @@ class Rig:
         self.link._on_state(memoryview(CDR + self._codec.encode(state)), writer, self.clock.at_ns)
 
     def battery(self, soc: int) -> None:
-        """As this robot tells it."""
+        """Deliver the charge in the message that this robot uses."""
         if self.model.family == "go":
             self.says(soc=soc)
         else:
@@ -81,7 +81,7 @@ class Rig:
             self.says()
 
     def asked(self) -> int:
-        """Let it ask what it asks ten times a second; return the id of that question."""
+        """Let the session send its request of ten times a second. Return the id of that request."""
         self.clock.passes(0.1)
         self.session.poll(self.clock.at_ns)
         return list(self._service._pending)[-1]
@@ -95,7 +95,7 @@ class Rig:
         return self.session.fsm or self.session.modes
 
     def refusals(self) -> list[str]:
-        """Codes of all conditions that refuse now."""
+        """Return the codes of all conditions that refuse now."""
         seen = self.session.observation()
         checked = (condition.check(seen, self.clock.at_ns) for condition in self._conditions)
         return [refusal.code for refusal in checked if refusal is not None]
@@ -184,7 +184,7 @@ def test_two_questions_of_one_moment_are_answered_each() -> None:
 @pytest.mark.parametrize(("simulator", "counts"), [(False, False), (True, True)])
 @pytest.mark.parametrize("robot", DRIVERS)
 def test_saf_012_a_state_that_repeats_its_tick_is_not_new(robot: str, simulator: bool, counts: bool) -> None:
-    """A simulator's may not go on at all."""
+    """A simulator's tick may never advance."""
     with rig(robot, simulator=simulator) as legs:
         legs.says(tick=7)
         legs.clock.passes(0.002)
@@ -198,14 +198,14 @@ def test_saf_012_a_state_that_repeats_its_tick_is_not_new(robot: str, simulator:
         assert legs.link.state_ns == (legs.clock.at_ns if counts else new_ns)
         assert legs.link.state is not None and any(legs.link.state.tau) is counts
         legs.clock.passes(0.002)
-        for tick in (0, 2):  # it has restarted, and counts again
+        for tick in (0, 2):  # it has restarted, and counts from the start
             legs.says(tick=tick, writer=b"another participant")
         assert "stale" not in legs.refusals()
 
 
 @pytest.mark.parametrize("robot", DRIVERS)
 def test_saf_012_a_state_that_has_been_said_before_is_not_new(robot: str) -> None:
-    """A network, or a proxy, may say again what a robot has said."""
+    """A network or a proxy may repeat a robot's message."""
     with rig(robot) as legs:
         for tick in (7, 9, 11, 13):
             legs.says(tick=tick)
@@ -219,7 +219,7 @@ def test_saf_012_a_state_that_has_been_said_before_is_not_new(robot: str) -> Non
 
 @pytest.mark.parametrize("robot", DRIVERS)
 def test_saf_012_the_first_state_may_be_one_that_repeats(robot: str) -> None:
-    """It says which machine it is, and no more."""
+    """It identifies the machine, and proves no more."""
     with rig(robot) as legs:
         for _ in range(3):
             legs.clock.passes(0.002)
@@ -251,11 +251,11 @@ def test_saf_005_a_stop_is_confirmed_by_a_new_state_without_torque(
         assert {(motor.safe, motor.detail) for motor in motors} == {(not said, said)}
 
 
-# -- an order whose answer is owed
+# -- a request without its answer
 
 
 def normal_by(go2: Rig) -> str:
-    """Have it say that its mode is active; return who holds it then."""
+    """Answer that the robot's mode is active. Return the name of the mode in control."""
     go2.answers(go2.asked(), rpc.CHECK_MODE, '{"name": "normal"}')
     return go2.session.held_by()
 
@@ -294,7 +294,7 @@ class Free:
 
 
 def test_saf_005_a_release_that_was_refused_may_still_be_carried_out(monkeypatch: pytest.MonkeyPatch) -> None:
-    """It is asked for once, however long the robot takes, and whatever becomes of the link."""
+    """It is requested once, however long the robot takes, even if the link is lost."""
     monkeypatch.setattr(wire_module, "RELEASE_S", 0.4)
     model = model_of("unitree_go2")
     server = UnitreeServer(model, WireLog(None), UnitreeTwinOptions())

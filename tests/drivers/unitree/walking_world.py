@@ -1,5 +1,7 @@
-"""A robot that walks, its network in memory, in virtual time: the twin's own computer and its log of the
-wire behind our own links."""
+"""A robot that walks, with its network in memory, in virtual time.
+
+The twin's own computer, with its log of the wire, is behind our own links.
+"""
 
 from __future__ import annotations
 
@@ -29,7 +31,7 @@ Deliver = Callable[[memoryview, bytes, int], None]
 
 
 class Bus:
-    """Topics in memory. ``deaf``: what is written to the robot is lost."""
+    """Topics in memory. With ``deaf`` everything that is written to the robot is lost."""
 
     def __init__(self) -> None:
         self.readers: dict[str, list[Deliver]] = {}
@@ -58,7 +60,7 @@ class Reader:
 
 
 class Participant:
-    """In place of one on a network."""
+    """The stand-in for a participant on a network."""
 
     peers = 1
 
@@ -96,7 +98,7 @@ class World:
         self.bus = Bus()
         self._at_s = 0.0
         monkeypatch.setattr(link_module, "Participant", lambda *_, **__: Participant(self.bus))
-        # the worst: a velocity is kept for ever
+        # The worst case: the robot keeps a velocity for ever.
         given = UnitreeTwinOptions(**{"keeps_s": 0.0, **options})
         self.server = UnitreeServer(model_of(robot), TwinLog(str(path)), given)
         self.server.make_endpoints(Participant(self.bus))  # type: ignore[arg-type]
@@ -109,21 +111,21 @@ class World:
     async def live(self) -> None:
         tick = 0
         while True:
-            tick += 10  # with each a SportModeState is due
+            tick += 10  # a SportModeState is due with each
             now_ns = round(trio.current_time() * NS)
             self.server.advance(now_ns / NS)
             self.server.say(tick, now_ns)
             await trio.sleep(TICK_S)
 
     def asked(self, since_s: float = 0.0) -> list[int]:
-        """Return the requests to the sport service, in their order."""
+        """Return the requests to the sport service, in order."""
         entries = (entry for entry in self.log.entries(round(since_s * NS)) if entry.sender == "host")
         return [rpc.decode_request(entry.data).api for entry in entries if entry.kind != "read"]
 
     @asynccontextmanager
     async def tree(self) -> AsyncIterator[Commander]:
-        """Of a robot that is connected and armed."""
-        await trio.sleep(1.0)  # at the time 0 everything has just been tried
+        """Yield the holder of the lease of a connected and armed robot."""
+        await trio.sleep(1.0)  # at the time 0 the code would count everything as just tried
         async with trio.open_nursery() as nursery:
             nursery.start_soon(self.live)
             await trio.sleep(0.1)
@@ -135,7 +137,7 @@ class World:
 
 
 class Commander:
-    """Who has the lease of a tree."""
+    """The holder of a tree's lease."""
 
     def __init__(self, tree: InlineTree) -> None:
         self.tree = tree

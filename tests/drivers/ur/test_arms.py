@@ -1,4 +1,4 @@
-"""One row a model: what the twin is built of is the arm that the vendor published."""
+"""Test each model: the twin has the arm that the vendor published."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ ROBOTS = ("ur3e", "ur5e", "ur7e", "ur10e", "ur12e", "ur16e", "ur8long", "ur15", 
 DH_ALPHA_RAD = (math.pi / 2, 0.0, 0.0, math.pi / 2, -math.pi / 2, 0.0)
 
 REACH_M = {"ur3e": 0.5, "ur5e": 0.85, "ur10e": 1.3, "ur16e": 0.9, "ur15": 1.3, "ur20": 1.75, "ur30": 1.3}
-"""As advertised: with the wrist, which adds what it likes to the two long links."""
+"""Reach as advertised. It includes a part of the wrist beyond the two long links."""
 
 
 def flange(arm: Arm, radians: list[float]) -> np.ndarray:
-    """The flange by the DH chain: 4 x 4."""
+    """Return the pose of the flange by the DH chain, as a 4 x 4 matrix."""
     d1, a2, a3, d4, d5, d6 = arm.dh_m
     pose = np.eye(4)
     rows = zip(radians, (d1, 0, 0, d4, d5, d6), (0, a2, a3, 0, 0, 0), DH_ALPHA_RAD, strict=True)

@@ -1,4 +1,4 @@
-"""What is refused, by name, and what is not."""
+"""Test which commands are refused, with their codes, and which are accepted."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ def state(period_s: float = 0.008, age_s: float = 0.005, **sensors: float) -> Ga
 
 
 def judge(action: Mapping[str, Any], at: GateState, robot: str = "ur5e") -> Candidate | Refused:
-    """As the gate asks: conditions, parse, gates."""
+    """Judge an action as the gate does: conditions, parse, gates."""
     ur = driver(robot)
     for condition in ur.conditions:
         refusal = condition.check(at.observation, at.now_ns)
@@ -121,7 +121,7 @@ def test_the_limit_of_a_step_is_the_joints_speed() -> None:
 
 
 def test_a_script_that_declares_its_period_may_step_as_far_as_the_joint_turns_in_it() -> None:
-    """30 commands a second, each on its own, as a loop of ``send_action`` sends them."""
+    """A loop of ``send_action`` sends 30 single commands a second."""
     at = state(period_s=0.0)
     slow = UR("ur5e", "192.0.2.10", {"control_frequency": 30.0})
     candidate = slow.parse({"elbow_joint": 1.6}, at)
@@ -136,13 +136,13 @@ def test_a_script_that_declares_its_period_may_step_as_far_as_the_joint_turns_in
 
 
 def ahead(rad: float, at: GateState, joint: int = 0) -> GateState:
-    """The last target stands so far before where the joint is."""
+    """Return a state in which the last target is so far ahead of the joint's position."""
     target = (*AT[:joint], AT[joint] + rad, *AT[joint + 1 :])
     return msgspec.structs.replace(at, target=target)
 
 
 def test_saf_014_small_steps_that_come_quicker_than_a_joint_turns_are_refused() -> None:
-    """Each alone would do: 0.025 rad every 4 ms are 6.3 rad/s."""
+    """Each step alone is allowed: 0.025 rad every 4 ms are 6.3 rad/s."""
     target = 0.0
     while isinstance(answer := judge({JOINTS[0]: target + 0.025}, ahead(target, state())), Candidate):
         target = answer.values[0]
@@ -154,7 +154,7 @@ def test_saf_014_small_steps_that_come_quicker_than_a_joint_turns_are_refused() 
 def test_a_stream_at_top_speed_may_be_late_by_a_look_ahead_a_step_and_a_silence(
     robot: str, joint: int, late_s: float
 ) -> None:
-    """However old the newest sample is: of a busy machine nothing is refused for that."""
+    """The age of the newest sample does not count. A busy machine must not cause a refusal."""
     axis = arm_of(robot).axes[joint]
     step = axis.speed / 125
     lag_s = 0.999 * (2 * LOOKAHEAD_S + 1 / WATCHDOG_HZ) - 1 / 125
@@ -164,7 +164,7 @@ def test_a_stream_at_top_speed_may_be_late_by_a_look_ahead_a_step_and_a_silence(
 
 
 def test_saf_014_a_joint_that_is_not_named_is_looked_at_too() -> None:
-    """Something holds it back; the controller is told it with the others."""
+    """A fault holds this joint back. The controller gets its target together with the others."""
     refusal = refused({"elbow_joint": 1.5}, ahead(1.0, state(), 3))
     assert refusal.code == "runs_ahead"
     assert "wrist_1_joint is to be 1 rad from where it is" in refusal.text

@@ -1,4 +1,4 @@
-"""The twin's reckoning: held against the DH chain, and against the body that moves."""
+"""Compare the twin's kinematics with the DH chain and with the moving body."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The ports without the SDK, on the twin: a look, and the stop channel's stop."""
+"""Test the ports without the SDK on the twin: reading, and the stop of the stop channel."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ def at(host: str) -> URConfig:
 
 
 async def play(host: str) -> None:
-    """A program that this twin does not understand runs for ever."""
+    """Start a program that this twin cannot interpret. It runs for ever."""
     stream = await trio.open_tcp_stream(host, p.SECONDARY_PORT)
     await stream.send_all(b"def forever():\n  while True:\n    sync()\n  end\nend\n")
     with contextlib.closing(await plain.open_samples(host, WATCHED, 125.0)) as samples:
@@ -52,7 +52,7 @@ async def play(host: str) -> None:
 
 
 async def look(host: str) -> None:
-    """As a wire that is opened does."""
+    """Read as a wire does when it opens."""
     with contextlib.closing(await plain.open_samples(host, WATCHED, 125.0)) as samples:
         await samples.first()
 
@@ -96,7 +96,7 @@ def test_where_nothing_runs_a_stop_is_confirmed_too(host: str) -> None:
 
 
 def test_without_a_dashboard_a_script_stops(twin: Twin, host: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    """As on a controller that has none."""
+    """Some controllers have no dashboard."""
     trio.run(play, host)
     monkeypatch.setattr(p, "DASHBOARD_PORT", 29998)
     began_ns = time.monotonic_ns()

@@ -1,4 +1,4 @@
-"""The codec: frames in any pieces, recipes there and back, what a frame counts as."""
+"""Test the codec: frames in pieces of any size, recipes there and back, the kind of each frame."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
-"""Our control script on the twin's controller, which runs its text line by line, on a clock that the test
-moves."""
+"""Test our control script on the twin's controller, which interprets its text line by line. The test controls
+the clock."""
 
 from __future__ import annotations
 
@@ -21,11 +21,11 @@ from .world import TICK_S, World
 
 TOKEN, OTHER = 77, 78
 LONGEST_STEP_S = CONTROL_S + 2 * TICK_S
-"""Of the script's loop: it looks at its registers so often."""
+"""The script's loop reads its registers at least this often."""
 
 
 class Arm(World):
-    """An arm on which our script has been started."""
+    """An arm on which our script runs."""
 
     def __init__(self, robot: str = "ur5e", *, token: int = TOKEN) -> None:
         super().__init__(robot)
@@ -52,7 +52,7 @@ class Arm(World):
         return self
 
     def stream(self, order: s.Order, pans: Iterable[float]) -> None:
-        """A packet each control period; ``pans``: targets of the first joint."""
+        """Send a packet in each control period. ``pans`` are the targets of the first joint."""
         others = self.joints[1:]
         for pan in pans:
             self.tell(order, pan, *others)
@@ -114,7 +114,7 @@ def test_saf_013_a_setpoint_that_is_too_old_ends_in_stopj() -> None:
 def test_saf_013_the_controllers_own_watchdog_ends_a_script_that_does_not_count(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    """A speed slider that is nearly at 0 slows servoj down, and with it the script's count."""
+    """A speed slider near 0 slows servoj down, and with it the script's count."""
     monkeypatch.setattr(s, "SILENT_S", 60.0)
     arm = Arm().ready()
     arm.sweep()
@@ -135,7 +135,7 @@ def test_saf_013_a_hold_is_kept_only_as_long_as_it_is_fed() -> None:
 
 @pytest.mark.parametrize("token", [TOKEN, OTHER])
 def test_saf_021_a_script_that_starts_late_obeys_nothing_that_was_said_before(token: int) -> None:
-    """Registers keep what a connection that has ended wrote last."""
+    """Registers keep the last values of a connection that has ended."""
     arm = Arm(token=token)
     arm.tell(s.Order.SERVO, 3.0, *arm.joints[1:])
     stood = list(arm.joints)
@@ -163,7 +163,7 @@ def test_saf_010_an_order_to_end_stops_the_arm_and_ends_the_script() -> None:
     arm.tell(s.Order.END)
     arm.run(LONGEST_STEP_S)
     assert not arm.servoes
-    arm.stream(s.Order.END, [0.0] * 40)  # which feeds the watchdog while the arm brakes
+    arm.stream(s.Order.END, [0.0] * 40)  # feeds the watchdog while the arm brakes
     assert not arm.runs and arm.events == ["stopj"]
     assert arm.answers == (TOKEN, s.Phase.ENDED, 2), "the last hold is not claimed for this order"
 

@@ -1,5 +1,4 @@
-"""A UR that is commanded by our own control script keeps what every driver must, the hardest kill cells on
-the twin included."""
+"""Run the conformance checks on a UR with our own control script, with the hardest kill cells on the twin."""
 
 from __future__ import annotations
 
@@ -14,7 +13,7 @@ from strands_actors.testing.checks import close_bench
 
 
 class ScriptUR(UR):
-    """Commanded by the script where nothing else is asked for."""
+    """A driver that uses the script unless an option selects something else."""
 
     @classmethod
     def resolve(cls, robot: str, options: Mapping[str, Any]) -> dict[str, Any]:

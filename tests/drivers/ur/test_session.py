@@ -1,4 +1,4 @@
-"""What the wire process makes of samples, by a clock that the test moves."""
+"""Test how the wire process evaluates samples. The test controls the clock."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ class Clock:
 
 
 class Commands:
-    """Commands nothing."""
+    """A stand-in that sends no commands."""
 
     def take(self) -> None:
         pass
@@ -87,7 +87,7 @@ def test_saf_012_a_clock_that_stands_still_for_longer_is_a_lost_link() -> None:
 
 
 def test_an_arm_is_energised_by_a_controller_whose_clock_goes_on_now(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A sample from before says nothing of whether it is frozen."""
+    """A sample from before the arming does not show whether the clock is frozen."""
     monkeypatch.setattr(plain, "ANSWER_S", 0.1)
     clock = Clock()
     session = session_at(clock)

@@ -1,8 +1,8 @@
-"""A UR arm on the real tree: real processes, the twin, and both ways to command it: the unmodified
-ur-rtde, and our own control script. Judged by the twin's log.
+"""Test a UR arm with its real tree: real processes and the twin. The twin's log decides.
 
-The ordinary suite runs the safety tests (SAF) by both ways, the others by ur-rtde; where that cannot be
-installed, all of them by the script.
+The arm is commanded in two ways: by the unmodified ur-rtde, and by our own control script. The ordinary suite
+runs the safety tests (SAF) in both ways and the others with ur-rtde. If ur-rtde cannot be installed, all of
+them use the script.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ from tests.answers import json_of, pids, resumed, state, status, task_ended, unt
 from tests.trees import Step, answers_status, made_safe, robot_on, run_for, set_moving, shared_twin
 
 PAN, LIFT, ELBOW = "shoulder_pan_joint", "shoulder_lift_joint", "elbow_joint"
-"""On the published bounds, for a busy machine."""
+"""Added to the published bounds, for a busy machine."""
 
 UR_RTDE = pytest.param("ur-rtde", marks=pytest.mark.needs("ur-rtde"))
 both_ways = pytest.mark.parametrize("way", [UR_RTDE, "script"], indirect=True)
@@ -41,7 +41,7 @@ both_ways = pytest.mark.parametrize("way", [UR_RTDE, "script"], indirect=True)
 
 @pytest.fixture(params=[UR_RTDE, pytest.param("script", marks=pytest.mark.long_beside("ur-rtde"))])
 def way(request: pytest.FixtureRequest) -> str:
-    """How the arm is commanded."""
+    """Return the way in which the arm is commanded."""
     return str(request.param)
 
 
@@ -129,7 +129,7 @@ def test_saf_014_refusals_name_the_joint_and_write_nothing(arm: RealRobot, twin:
 
 @both_ways
 def test_saf_014_targets_do_not_run_away_from_a_joint_that_is_held_back(arm: RealRobot, twin: Twin) -> None:
-    """Let go, it would follow in a blow: servoJ has no speed."""
+    """The arm would jump when it is released, because servoJ has no speed limit."""
     twin.fault("stuck:1")
     start = target = arm.get_observation()[PAN]
     began_ns = time.monotonic_ns()
@@ -142,7 +142,7 @@ def test_saf_014_targets_do_not_run_away_from_a_joint_that_is_held_back(arm: Rea
     assert f"{PAN} is to be" in why(answer) and "from where it is" in why(answer)
     time.sleep(0.1)
     told = [struct.unpack_from(">d", entry.data, 8)[0] for entry in twin.log.host("setpoint", began_ns)]
-    longest_s = LEAD_S + UR.timing.state_ttl_s  # a sample may be so old
+    longest_s = LEAD_S + UR.timing.state_ttl_s  # a sample may be this old
     assert 0.0 < max(told) - start <= longest_s * arm_of("ur5e").axes[0].speed
     twin.fault("ok:1")
     json_of(arm.stop())
@@ -168,7 +168,7 @@ def hold_from_high_speed(arm: RealRobot) -> None:
     def is_fast() -> bool:
         return bool(arm.get_observation()[PAN] - start > 1.0)
 
-    for _ in range(5):  # a busy machine may end a rollout before
+    for _ in range(5):  # a busy machine may end a rollout early
         start, steps = arm.get_observation()[PAN], iter(range(1, 1000))
         json_of(
             arm.run_policy(lambda _, start=start, steps=steps: {PAN: start + 0.018 * next(steps)}, duration=60.0)
@@ -183,8 +183,8 @@ def hold_from_high_speed(arm: RealRobot) -> None:
 @pytest.mark.long
 @pytest.mark.parametrize("way", [UR_RTDE], indirect=True)
 def test_a_hold_from_high_speed_loses_the_program_to_the_watchdog_and_says_so(arm: RealRobot, twin: Twin) -> None:
-    """Nobody can feed it while servoStop brakes: the arm stands all the same, and nothing goes on
-    by itself."""
+    """No packet feeds the watchdog while servoStop brakes. The arm still stops, and no motion continues by
+    itself."""
     hold_from_high_speed(arm)
     until(lambda: [entry for entry in twin.log.entries() if entry.kind == "watchdog"], "the watchdog ends it")
     until(lambda: "control script is not running" in why(nudge(arm)), "it is refused by name")
@@ -222,7 +222,7 @@ def test_saf_013_a_latched_command_feeds_the_watchdog_as_long_as_the_caller_live
     assert not [entry for entry in twin.log.entries() if entry.kind == "watchdog"]
 
 
-# -- the controller says no
+# -- refusals of the controller
 
 
 def _says(reason: str, *either: str) -> bool:
@@ -240,12 +240,15 @@ def _says(reason: str, *either: str) -> bool:
 def test_a_stop_of_the_controllers_own(
     moving: RealRobot, twin: Twin, order: str, undo: tuple[str, ...], name: str
 ) -> None:
-    """Named, nothing goes on by itself when it is lifted, and arming is refused as long as it
-    stands. Whichever sees it first, gate or wire: what the gate refuses is held, and what the wire
-    meets with a setpoint on its way is a fault, which disarms."""
+    """The fault is named, no motion continues by itself when it is lifted, and arming is refused while it
+    lasts.
+
+    Either the gate or the wire notices it first. If the gate refuses a setpoint, the robot holds. If the wire
+    meets it with a setpoint under way, it is a fault, which disarms.
+    """
     twin.order(order)
     ended = task_ended(moving)
-    if "no action for" in (ended["exit_detail"] or ""):  # a busy machine was faster: it kept the policy waiting
+    if "no action for" in (ended["exit_detail"] or ""):  # a busy machine kept the policy waiting first
         for line in undo:
             twin.order(line)
         set_moving(moving, twin.log, wave)
@@ -270,7 +273,7 @@ def test_a_stop_of_the_controllers_own(
 
 
 def press(twin: Twin, line: str, *answers: bytes) -> None:
-    """As on the pendant."""
+    """Send a line to the dashboard, as the pendant does."""
     with socket.create_connection((twin.port.partition(":")[0], DASHBOARD_PORT), 10.0) as dashboard:
         dashboard.sendall(f"{line}\n".encode())
         until(lambda: any(map(dashboard.recv(4096).__contains__, answers)), line)
@@ -293,16 +296,16 @@ def protective_stop(twin: Twin) -> None:
 def test_saf_003_a_target_that_stands_ends_when_the_controller_ends_its_program(
     arm: RealRobot, twin: Twin, how: Callable[[Twin], None]
 ) -> None:
-    """Nobody sends a setpoint that could be refused: the tree itself notices, makes safe and says
-    why."""
+    """No setpoint arrives that could be refused. The tree itself notices the end, stops the arm and gives the
+    reason."""
     json_of(nudge(arm))
-    ended_ns = time.monotonic_ns()  # before it: the tree may be quicker than the pendant's answer
+    ended_ns = time.monotonic_ns()  # taken before it: the tree may be quicker than the pendant's answer
     how(twin)
     until(lambda: state(arm) == "disarmed", "it is disarmed")
-    # which of the two the tree hears of first is chance
+    # Either of the two may reach the tree first.
     causes = ("control script is not running", "control script was paused", "PROTECTIVE_STOP (3)")
     assert status(arm)["cause"].startswith(causes)
-    pressed = 0 if how is protective_stop else 1  # safe frames of the pendant's
+    pressed = 0 if how is protective_stop else 1  # safe frames that the pendant causes
     until(lambda: len(twin.log.host("safe", ended_ns)) > pressed, "a safe frame of ours")
     ours_ns = twin.log.host("safe", ended_ns)[pressed].t_ns
     time.sleep(0.3)
@@ -311,7 +314,7 @@ def test_saf_003_a_target_that_stands_ends_when_the_controller_ends_its_program(
 
 
 def test_a_pause_on_the_pendant_ends_the_program_and_says_what_to_do(arm: RealRobot, twin: Twin) -> None:
-    """While the arm holds, nobody ends it for the tree: what was paused is not written to."""
+    """The tree does not end a paused program while the arm holds, because it writes nothing to it."""
     run_for(arm, wave, 0.3)
     assert state(arm) == "holding"
     pause_program(twin)
@@ -322,7 +325,7 @@ def test_a_pause_on_the_pendant_ends_the_program_and_says_what_to_do(arm: RealRo
     press(twin, "play", b"Failed to execute", b"Starting")  # the watchdog may not have ended it yet
     time.sleep(0.3)
     assert not twin.log.host("setpoint", paused_ns) and not twin.log.host("keepalive", paused_ns)
-    json_of(arm.resume())  # it ends the program, and begins another: no stop() is needed
+    json_of(arm.resume())  # ends the program and starts another, without a stop()
     json_of(nudge(arm))
 
 
@@ -393,7 +396,7 @@ def test_local_control_is_named(twin: Twin, run_dir: Path, way: str) -> None:
 @both_ways
 @pytest.mark.parametrize("fault", [signal.SIGKILL, pytest.param(signal.SIGSTOP, marks=pytest.mark.long)])
 def test_saf_003_the_wire_process_dies_or_freezes(moving: RealRobot, twin: Twin, fault: signal.Signals) -> None:
-    """The root stops the arm by its own sockets, and starts the wire again."""
+    """The root stops the arm through its own sockets, and restarts the wire."""
     victim = pids(moving)["wire"]
     began_ns = time.monotonic_ns()
     os.kill(victim, fault)
@@ -410,14 +413,13 @@ def test_saf_012_frozen_while_it_moves(moving: RealRobot, twin: Twin) -> None:
     twin.pause()
     answers_status(moving)
     assert not status(moving)["connected"]
-    # While its process is being replaced there is not even a gate.
+    # While the wire process is being replaced there is no gate.
     assert why(nudge_blind(moving)).startswith(("move: not connected", "move: the gate of"))
     thawed_ns = time.monotonic_ns()
     twin.go_on()
     until(lambda: state(moving) == "disarmed", "it is back, disarmed")
     assert twin.log.host("safe", thawed_ns)
-    # what was on its way when it froze is a few setpoints of a program that its watchdog had ended
-    # by then
+    # Only a few setpoints were under way when it froze. The watchdog has ended their program by now.
     assert len(twin.log.host("setpoint", thawed_ns)) < 30
     comes_back(moving, twin)
 
@@ -461,7 +463,7 @@ def test_it_comes_back_however_often_it_is_unplugged(arm: RealRobot, twin: Twin)
 
 @both_ways
 def test_a_clock_that_stands_still_is_no_link(moving: RealRobot, twin: Twin) -> None:
-    """Samples go on, the socket is open, every call of the SDK succeeds."""
+    """Samples go on, the socket is open, and every call of the SDK succeeds."""
     twin.fault("stuck")
     until(lambda: not status(moving)["connected"], "it is noticed")
     twin.fault("ok")
@@ -501,7 +503,7 @@ STAGES: Mapping[str, Mapping[str, Stage]] = {
         "watchdog": lambda frames: sum(entry.kind == "keepalive" for entry in frames) >= 2,
     },
 }
-"""Points of connect, by what the controller has heard."""
+"""Points of a connect, by the last message that the controller received."""
 AT_A_STAGE = [
     pytest.param(
         way,
@@ -523,8 +525,7 @@ AT_A_STAGE = [
 def test_saf_012_the_controller_goes_while_connecting(
     twin: Twin, run_dir: Path, way: str, stage: str, how: str
 ) -> None:
-    """The tree answers meanwhile, stop is bounded, and connecting works when the controller is
-    back."""
+    """The tree still answers, a stop is bounded, and connecting works when the controller is back."""
     import threading
 
     arm = Robot("ur5e", mode="real", port=twin.port, control=way)
@@ -551,12 +552,12 @@ def test_saf_012_the_controller_goes_while_connecting(
 
 
 def nudge_blind(arm: RealRobot) -> dict[str, object]:
-    """A command without a look first: there may be nothing to see."""
+    """Send a command without reading first, since there may be no observation."""
     return dict(arm.send_action({PAN: 0.0}))
 
 
 def test_a_twin_without_a_processor_for_a_moment_does_not_miss_what_has_come(arm: RealRobot, twin: Twin) -> None:
-    """Its watchdog (0.1 s) goes by what it was sent, not by when it came to read it."""
+    """The twin's watchdog (0.1 s) uses the times of sending. The time at which the twin reads does not count."""
     for _ in range(5):
         assert nudge(arm)["status"] == "success"
         twin.pause()

@@ -1,4 +1,4 @@
-"""The twin's controller, on a clock that the test moves."""
+"""Test the twin's controller. The test controls the clock."""
 
 from __future__ import annotations
 

@@ -1,5 +1,4 @@
-"""What programs make of the twin's arm: the control script of ur-rtde beyond joint moves, and
-URScript as clients send it."""
+"""Test programs on the twin's arm: ur-rtde's control script beyond joint moves, and URScript from clients."""
 
 from __future__ import annotations
 
@@ -71,7 +70,7 @@ def test_speed_servo_and_jog_lead_the_tool(world: World) -> None:
     world.command(c.Command.SERVO_L, *start)
     world.run(1.0)
     assert same(world.tool, start)
-    # feature 1: as the tool's own axes have it, of which the third looks away from the flange
+    # feature 1: the axes of the tool, the third of which points away from the flange
     world.command(c.Command.JOG_START, 0, 0, 0.05, 0, 0, 0, 1.0, 0.5)
     world.run(1.0)
     ahead = frame_of(start).z

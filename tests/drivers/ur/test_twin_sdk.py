@@ -1,5 +1,7 @@
-"""ur-rtde, as it is, against the twin. In processes of its own: it keeps the interpreter's lock
-when it is closed, and its threads go on looking for a controller that is gone."""
+"""Test the unmodified ur-rtde against the twin, in separate processes.
+
+It keeps the interpreter's lock when it closes, and its threads go on looking for a controller that is gone.
+"""
 
 from __future__ import annotations
 
@@ -44,7 +46,7 @@ def twin(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Twin]:
 
 
 def run(twin: Twin, program: str) -> dict[str, Any]:
-    """What the program tells at its end."""
+    """Return the result that the program prints at its end."""
     ran = subprocess.run(
         [sys.executable, "-c", PRELUDE + program, twin.port.partition(":")[0]],
         stdout=subprocess.PIPE,
@@ -80,7 +82,7 @@ end(q=receive.getActualQ(), mode=receive.getRobotMode(), safety=receive.getSafet
 
 @pytest.mark.parametrize("flags", ["Control.FLAG_UPLOAD_SCRIPT", "Control.FLAG_UPLOAD_SCRIPT | UPPER"])
 def test_control_servoes_stops_and_moves(twin: Twin, flags: str) -> None:
-    """Both register ranges."""
+    """Test both register ranges."""
     told = run(
         twin,
         f"""

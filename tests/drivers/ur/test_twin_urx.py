@@ -1,7 +1,7 @@
-"""urx, as it is, against the twin: it knows the text ports alone.
+"""Test the unmodified urx against the twin. It uses only the text ports.
 
-Its release of the package index does not know the robot's mode of controllers from software 3.5 on,
-takes every one for stopped, and so cannot wait for a move; positions and programs are as on a robot.
+The release in the package index does not know the robot's mode of controllers from software 3.5 on. It takes
+every one for stopped, so it cannot wait for a move. Positions and programs are as on a robot.
 """
 
 from __future__ import annotations

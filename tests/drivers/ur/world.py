@@ -1,4 +1,4 @@
-"""The twin's controller on a clock that the test moves, with the control script of ur-rtde."""
+"""The twin's controller with ur-rtde's control script, on a clock that the test controls."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ class World:
         self.controller.write(values)
 
     def ask(self, number: int, *doubles: float) -> tuple[float, ...]:
-        """What the control script says to a command that computes: six numbers."""
+        """Return the script's answer to a command that computes: six numbers."""
         self.command(c.Command.NONE)
         self.command(number, *doubles)
         assert self.answer == c.DONE, self.controller.log

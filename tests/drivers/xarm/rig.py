@@ -1,4 +1,4 @@
-"""For the wire in virtual time: the twin's controller behind connections in memory."""
+"""The twin's controller behind connections in memory, for the wire in virtual time."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ class Written(NamedTuple):
 
 
 class World:
-    """One arm. ``options``: of its twin."""
+    """One arm. ``options`` are those of its twin."""
 
     def __init__(self, **options: object) -> None:
         self.controller = controller_of("xarm7", now_s=trio.current_time, **options)  # type: ignore[arg-type]
@@ -47,9 +47,9 @@ class World:
         self.mute = False  # it sends no report
         self.no_rich = False
         self.gone = False
-        self.full = False  # it takes no further connection
+        self.full = False  # it accepts no further connection
         self.clients = 8  # of its control port, at once
-        self.replies = 0  # that were read
+        self.replies = 0  # number of replies that were read
         self.on_reply: Callable[[int], None] = lambda count: None
         self.driver = XArm("xarm7", PORT, {})
 
@@ -112,7 +112,7 @@ class ControlStream:
         return None
 
     def say(self, data: bytes) -> None:
-        """Send what nobody asked for."""
+        """Send bytes that were not requested."""
         self._coming.append((trio.current_time(), data))
         self._news.set()
 
@@ -189,7 +189,7 @@ def stepped(world: World, rad: float) -> tuple[float, ...]:
 
 
 class Stoppable:
-    """A permit that is gone from some moment on."""
+    """A permit that can be withdrawn at any time."""
 
     def __init__(self) -> None:
         self.gone = False

@@ -1,4 +1,4 @@
-"""Questions and answers of the control port: whose answer is awaited, and for how long. Pure."""
+"""Test requests and answers of the control port: which answer is awaited, and for how long. No I/O."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from strands_actors.kernel.clock import NS
 
 
 class Line:
-    """The host's end, and the clock beside it."""
+    """The host's end, with its clock."""
 
     def __init__(self) -> None:
         self.now_s = 5.0
@@ -24,7 +24,7 @@ class Line:
         return round(self.now_s * NS)
 
     def write(self, data: bytes) -> None:
-        """Take what is sent: nobody answers by himself."""
+        """Take the bytes without an answer."""
 
     def read_waiting(self) -> bytes | None:
         return self.arrived.pop(0) if self.arrived else None

@@ -1,4 +1,4 @@
-"""What is refused, in which words, and that what the words allow is accepted."""
+"""Test which commands are refused with which messages, and that what a message allows is accepted."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ def state(observation: Observation | None = None, target: float = 0.0, stream_s:
 
 
 def judge(action: Mapping[str, Any], at: GateState | None = None, by: XArm | None = None) -> Candidate | Refused:
-    """As the gate asks: conditions, parse, gates."""
+    """Judge an action as the gate does: conditions, parse, gates."""
     at, by = at or state(), by or driver()
     for condition in by.conditions:
         if refusal := condition.check(at.observation, at.now_ns):
@@ -129,7 +129,7 @@ def test_a_joint_stays_within_its_range(joint: str, low: float, high: float) -> 
 
 
 def test_the_range_is_the_one_of_the_arms_own_type() -> None:
-    """Of joint 4 the types have next to nothing in common."""
+    """The ranges of joint 4 hardly overlap between the types."""
     arm = driver().arm
     for kind in arm.types:
         low, high = zip(*kind.range_rad, strict=True)
@@ -154,7 +154,7 @@ def test_the_range_is_the_one_of_the_arms_own_type() -> None:
     [(3.14159, 0.0314), (1.0, 0.01), (4.0, 0.0314), (math.nan, 0.0314), (0.0, 0.0314), (-1.0, 0.0314)],
 )
 def test_a_step_is_what_a_joint_turns_in_a_period_by_the_controllers_limit(told: float, allowed: float) -> None:
-    """Without one the table's counts: the gate is never left out."""
+    """Without a reported limit the table's applies, so the gate always checks."""
     at = state(seen(speed_limit_rad_s=told))
     assert isinstance(judge({"joint3": allowed}, at), Candidate)
     refusal = refused({"joint3": -allowed - 0.0002}, at)
@@ -181,7 +181,7 @@ def test_small_steps_in_quick_succession_do_not_run_away_from_the_arm() -> None:
 
 
 def test_saf_014_a_joint_that_is_not_named_is_looked_at_too_since_it_is_told_too() -> None:
-    """Something holds it back, or it was moved since: told its old target it would jump there."""
+    """A fault holds it back, or it was moved since. With its old target it would jump there."""
     at = msgspec.structs.replace(state(), target=(0.0, 0.0, 0.32, 0.0, 0.0, 0.0, 0.0))
     refusal = refused({"joint1": 0.01}, at)
     assert (refusal.code, refusal.limit) == ("runs_ahead", "0.314")

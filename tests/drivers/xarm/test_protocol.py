@@ -1,5 +1,4 @@
-"""The codec: frames and reports in any pieces, what a request counts as, and whatever else may
-come."""
+"""Test the codec: frames and reports in pieces of any size, the kind of each request, and invalid input."""
 
 from __future__ import annotations
 
@@ -36,7 +35,7 @@ def test_frames_survive_any_cutting(sent: list[tuple[int, bytes]], size: int) ->
 
 
 def test_known_frames() -> None:
-    """As the vendor's client sends them."""
+    """The bytes are those of the vendor's client."""
     assert p.request(1, p.Register.SET_STATE, b"\x04") == bytes.fromhex("0001 0002 0002 0c 04")
     servo = p.request(2, p.Register.SERVO_JOINT, p.servo_data([0.5] * 7))
     assert len(servo) == 47
@@ -106,7 +105,7 @@ def test_a_version_that_says_no_type_is_refused(text: str) -> None:
         p.parse_version(text.encode())
 
 
-# -- what a request counts as
+# -- the kind of a request
 
 
 @pytest.mark.parametrize(
@@ -131,7 +130,7 @@ def test_what_a_request_counts_as(register: int, data: bytes, kind: tuple[str, s
     assert p.classify(bytes((register,)) + data) == kind
 
 
-# -- whatever comes
+# -- invalid input
 
 
 @given(st.binary(max_size=300))
@@ -157,7 +156,7 @@ def _hear_reports(data: bytes) -> None:
 
 
 def test_disturbed_streams_raise_nothing_but_the_codecs_error_and_keep_nothing() -> None:
-    """``STRANDS_ACTORS_FUZZ`` says how many."""
+    """``STRANDS_ACTORS_FUZZ`` is their number."""
     chance = random.Random(24)
     report = bytes(r.pack_report(r.REAL_SIZE, r.Report(2, 1, 0, (0.1,) * 7, (1.0,) * 6, (0.0,) * 7)))
     whole = [

@@ -1,5 +1,5 @@
-"""What stops it, in virtual time on the twin's controller: the wire, a link that was lost, the root's
-stop channel."""
+"""Test what stops the arm, in virtual time on the twin's controller: the wire, a lost link, the root's stop
+channel."""
 
 from __future__ import annotations
 
@@ -65,7 +65,7 @@ async def test_saf_005_a_controller_that_stays_as_it_was_is_named() -> None:
 async def test_saf_005_an_answer_that_is_marked_as_invalid_confirms_nothing(
     register: Register, said: tuple[bool, bool, str]
 ) -> None:
-    """Its data may be whatever stood there."""
+    """Its data may be arbitrary."""
     world = World()
     wire = await armed(world)
     obey = world.controller.obey
@@ -104,7 +104,7 @@ async def test_saf_020_a_link_that_was_lost_is_stopped_all_the_same() -> None:
 
 @in_virtual_time
 async def test_saf_020_a_controller_that_takes_no_other_connection_is_told_on_the_one_it_has() -> None:
-    """Its answers may be cut off, and what we say arrive."""
+    """Its answers may be lost while our requests arrive."""
     world = World()
     wire = await armed(world)
     world.full = True
@@ -116,7 +116,7 @@ async def test_saf_020_a_controller_that_takes_no_other_connection_is_told_on_th
 
 @in_virtual_time
 async def test_saf_020_a_controller_of_one_client_comes_back_after_a_lost_link() -> None:
-    """The old connection ends once the stop was taken there, and not before: it may be the only way."""
+    """The old connection is closed after the stop was taken there, and not before: it may be the only one."""
     world = World()
     world.clients = 1
     wire = await armed(world)
@@ -155,7 +155,7 @@ async def test_a_hold_is_the_last_target_again_and_can_be_told_from_it() -> None
 
 @in_virtual_time
 async def test_saf_011_a_hold_says_where_the_arm_is_held_and_one_that_failed_does_not() -> None:
-    """The next command sends the joints that it does not name there, not to an older reading."""
+    """The next command sends the joints that it does not name to this position, and not to an older reading."""
     world = World()
     wire = await armed(world)
     target = stepped(world, 0.03)
@@ -189,7 +189,7 @@ async def test_a_hold_is_not_confirmed_by_an_arm_that_is_stopped_meanwhile() -> 
 async def test_saf_006_a_stop_does_not_wait_for_a_hold_to_be_confirmed() -> None:
     world = World()
     wire = await armed(world)
-    world.controller.plant.set_stuck(0, True)  # it never gets to its target: the hold is not confirmed
+    world.controller.plant.set_stuck(0, True)  # it never reaches its target, so the hold is not confirmed
     await wire.write(stepped(world, 0.2), Permission())
     assert wire.interruptible
     with trio.move_on_after(0.03) as cut:
@@ -212,7 +212,7 @@ async def test_after_a_stop_there_is_no_target_to_hold() -> None:
 
 @in_virtual_time
 async def test_an_arm_that_cannot_be_held_is_stopped() -> None:
-    """It is stuck far from its target, or somebody took it out of servo mode."""
+    """It is stuck far from its target, or another client took it out of servo mode."""
     world = World()
     wire = await armed(world)
     world.controller.plant.set_stuck(0, True)

@@ -1,4 +1,4 @@
-"""An xArm's whole tree on its twin: real processes, real sockets, judged by what the twin heard."""
+"""Test an xArm's whole tree on its twin: real processes and real sockets. The twin's log decides."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from tests import trees
 from tests.answers import json_of, pids, resumed, state, status, until, why
 from tests.trees import Step, made_safe, robot_on, run_for, set_moving, shared_twin
 
-"""On the published bounds, for a busy machine."""
+"""Added to the published bounds, for a busy machine."""
 
 JOINTS = [f"joint{number}" for number in range(1, 8)]
 STOP = b"\x0c\x04"
@@ -66,7 +66,7 @@ def comes_back(arm: RealRobot, twin: Twin) -> None:
 
 
 def controller_state(twin: Twin) -> int:
-    """As another client of the controller reads it."""
+    """Read the state as another client of the controller does."""
     host, port = twin.port.split(":")
     with socket.create_connection((host, int(port)), 5.0) as other:
         other.sendall(p.request(1, p.Register.GET_STATE))
@@ -130,7 +130,7 @@ def test_a_control_frequency_of_its_own(twin: Twin, run_dir: Path) -> None:
         json_of(arm.send_action({"joint1": here + 0.06}))
 
 
-# -- the controller says no
+# -- refusals of the controller
 
 
 @pytest.mark.quick_cases(4)
@@ -140,14 +140,14 @@ def test_a_control_frequency_of_its_own(twin: Twin, run_dir: Path) -> None:
         ("error 31", "controller holds error 31 (collision)"),
         ("state 3", "arm is paused (state 3)"),
         ("state 4", "arm is stopped (state 4)"),
-        ("mode 0", "arm is"),  # stopped, or in mode 0: which the tree hears of first is chance
+        ("mode 0", "arm is"),  # stopped, or in mode 0: either may reach the tree first
     ],
 )
 @pytest.mark.parametrize("how", ["moves", "stands", "holds"])
 def test_saf_003_the_controller_stops_by_itself_or_by_another_client(
     arm: RealRobot, twin: Twin, order: str, says: str, how: str
 ) -> None:
-    """The tree notices whatever it does, makes safe, says why, and nothing goes on by itself."""
+    """In any activity the tree notices it, makes safe and gives the reason. No motion continues by itself."""
     if how == "moves":
         set_moving(arm, twin.log, wave)
     elif how == "stands":
@@ -199,7 +199,7 @@ def test_nobody_listens_there(run_dir: Path) -> None:
 @pytest.mark.quick_cases(1)
 @pytest.mark.parametrize("fault", [signal.SIGKILL, signal.SIGSTOP])
 def test_saf_003_the_wire_process_dies_or_freezes(moving: RealRobot, twin: Twin, fault: signal.Signals) -> None:
-    """The root stops the arm by its own connection, and starts the wire again."""
+    """The root stops the arm over its own connection, and restarts the wire."""
     victim = pids(moving)["wire"]
     began_ns = time.monotonic_ns()
     os.kill(victim, fault)
@@ -283,8 +283,7 @@ def test_it_comes_back_however_often_it_is_unplugged(arm: RealRobot, twin: Twin)
 @pytest.mark.parametrize("how", ["frozen", "unplugged"])
 @pytest.mark.parametrize("frames", [1, 2, 3, 4, 5, 6, 7])
 def test_saf_012_the_controller_goes_while_connecting(twin: Twin, run_dir: Path, frames: int, how: str) -> None:
-    """The tree answers meanwhile, stop is bounded, and connecting works when the controller is
-    back."""
+    """The tree still answers, a stop is bounded, and connecting works when the controller is back."""
     arm = Robot("xarm7", mode="real", port=twin.port)
     connecting = threading.Thread(target=arm.connect_eagerly)
     try:
@@ -304,7 +303,7 @@ def test_saf_012_the_controller_goes_while_connecting(twin: Twin, run_dir: Path,
         arm.cleanup()
 
 
-# -- beside others
+# -- together with other clients
 
 
 def test_another_client_may_look_while_it_moves(moving: RealRobot, twin: Twin) -> None:

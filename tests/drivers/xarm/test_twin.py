@@ -1,4 +1,4 @@
-"""The twin's controller in a time of its own: what moves its arm, and what does not."""
+"""Test the twin's controller with its own clock: what moves its arm, and what does not."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ class World:
         assert self.say(Register.SET_STATE, b"\x00") == 0
 
     def at(self, **offsets: float) -> list[float]:
-        """Home, with joints moved: ``joint1=0.1``."""
+        """Return the home position with some joints moved: ``joint1=0.1``."""
         return [rad + offsets.get(f"joint{number}", 0.0) for number, rad in enumerate(self.home, 1)]
 
     def servo(self, goal: Sequence[float]) -> int:
@@ -111,7 +111,7 @@ def test_a_target_past_a_joints_range_is_an_error() -> None:
     for rad in (0.0, 0.15):
         goal = list(world.home)
         goal[3] = rad
-        world.controller._goal = goal  # so that the step is none
+        world.controller._goal = goal  # so that there is no step
         assert not world.servo(goal) & ERROR
     goal[3] = 0.25
     assert world.servo(goal) & ERROR

@@ -1,5 +1,5 @@
-"""The vendor's xarm-python-sdk, as it is, against the twin. In processes of its own: it changes the
-default timeout of every socket of the process it is in, and prints to standard output."""
+"""Test the vendor's unmodified xarm-python-sdk against the twin, in separate processes: it changes the default
+timeout of every socket of its process, and prints to standard output."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ def twin(tmp_path_factory: pytest.TempPathFactory) -> Iterator[TwinProcess]:
 
 
 def run(twin: TwinProcess, program: str, *more: str) -> dict[str, Any]:
-    """What the program tells at its end."""
+    """Return the result that the program prints at its end."""
     ran = subprocess.run(
         [sys.executable, "-c", PRELUDE + program, *twin.port.split(":"), *more],
         stdout=subprocess.PIPE,

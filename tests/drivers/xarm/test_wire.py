@@ -1,5 +1,5 @@
-"""The wire in virtual time, on the twin's controller: what is written, in which order, and what is
-believed."""
+"""Test the wire in virtual time, on the twin's controller: what it writes, in which order, and which answers it
+accepts."""
 
 from __future__ import annotations
 
@@ -103,7 +103,7 @@ async def test_saf_011_arming_begins_where_the_arm_is() -> None:
 
 @in_virtual_time
 async def test_saf_011_an_arm_that_was_paused_on_its_way_does_not_go_on_when_it_is_armed() -> None:
-    """It keeps the newest target, and goes there in state 0, where servo mode was never left."""
+    """The controller keeps the newest target, and moves there in state 0 if servo mode was never left."""
     world = World()
     await armed(world)
     controller = world.controller
@@ -124,7 +124,7 @@ async def test_saf_011_an_arm_that_was_paused_on_its_way_does_not_go_on_when_it_
 
 
 async def braked_at_its_limit(world: World, wire: XArmWire, past_rad: float) -> float:
-    """An arm that was stopped with a joint at the end of its range. Return how far past it rests."""
+    """Stop an arm with a joint at the end of its range. Return how far past the end it rests."""
     joint, controller = 5, world.controller
     end = controller._kind.range_rad[joint][1]
     await wire.make_safe(SafeState.STOP)
@@ -136,7 +136,7 @@ async def braked_at_its_limit(world: World, wire: XArmWire, past_rad: float) -> 
 
 @in_virtual_time
 async def test_saf_011_an_arm_that_rests_on_its_limit_is_armed_there_each_time() -> None:
-    """The controller ends motion with error 23 for a target past a range, and holds that error."""
+    """For a target past a range the controller ends the motion with error 23, and keeps that error."""
     world = World()
     wire = await armed(world)
     controller, end = world.controller, world.controller._kind.range_rad[5][1]
@@ -144,7 +144,7 @@ async def test_saf_011_an_arm_that_rests_on_its_limit_is_armed_there_each_time()
         assert 1e-3 < await braked_at_its_limit(world, wire, 0.05) < PAST_RAD
         observation = await wire.arm(Permission())
         assert controller.error == 0 and wire.session.target[5] == end
-        await wire.write(observation.position, Permission())  # a policy that returns what it observed
+        await wire.write(observation.position, Permission())  # a policy that returns its observation
         await cycle(wire, 5)
         assert controller.error == 0 and controller.runs
         held = await wire.make_safe(SafeState.HOLD)
@@ -315,7 +315,7 @@ async def test_saf_001_a_permit_that_is_gone_lets_nothing_leave() -> None:
 @pytest.mark.parametrize("silent", ["mute", "deaf"])
 @in_virtual_time
 async def test_saf_010_nothing_is_written_to_a_controller_that_is_silent(silent: str) -> None:
-    """Reports without replies are no life, nor are replies without reports."""
+    """Reports without replies show no working controller, nor do replies without reports."""
     world = World()
     wire = await armed(world)
     await cycle(wire, 10)

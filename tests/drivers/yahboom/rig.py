@@ -1,5 +1,5 @@
-"""For the wire in virtual time: the twin's rosbridge behind WebSockets in memory; and what client
-libraries of others see."""
+"""The twin's rosbridge behind WebSockets in memory, for the wire in virtual time. It also checks the results of
+third-party clients."""
 
 from __future__ import annotations
 
@@ -40,18 +40,18 @@ class Taken(NamedTuple):
 
 
 class World:
-    """One robot behind its rosbridge. ``options``: of its twin, and ``driver`` of the driver."""
+    """One robot behind its rosbridge. ``options`` are those of its twin, ``driver`` those of the driver."""
 
     def __init__(self, driver: dict[str, Any] | None = None, **options: Any) -> None:
         self.twin = M3ProTwin("yahboom_m3pro", trio.current_time, **options)
         self.taken: list[Taken] = []
         self.sockets: list[MemorySocket] = []
-        self.frozen = False  # the bridge takes nothing, and says nothing, for now
+        self.frozen = False  # True: the bridge reads and sends nothing
         self.gone = False
         self.mute: set[str] = set()  # topics that are silent
-        self.answer_s = 0.0  # how late everything is heard that the bridge says
-        self.loses = False  # every second answer to a call is lost
-        self.denies = False  # rosapi is gone: its services are refused
+        self.answer_s = 0.0  # delay of all messages from the bridge
+        self.loses = False  # True: every second answer to a call is lost
+        self.denies = False  # True: rosapi is gone, so its services are refused
         self.driver = YahboomM3Pro("yahboom_m3pro", "192.0.2.1", driver or {})
 
     def link(self) -> RosbridgeLink:
@@ -75,7 +75,7 @@ class World:
         return self.sockets[-1]
 
     def thaw(self) -> None:
-        """Let the bridge take what has waited, each connection's in its order."""
+        """Let the bridge read the waiting messages, those of each connection in order."""
         self.frozen = False
         for socket in self.sockets:
             socket.take_waiting()
@@ -85,7 +85,7 @@ class World:
 
 
 class ChannelTo(YahboomStopChannel):
-    """A stop channel on links of the test's."""
+    """A stop channel on the test's links."""
 
     def __init__(self, new_link: Callable[[], StopLink], config: YahboomConfig, clock: Clock) -> None:
         super().__init__(config, (), clock)
@@ -176,7 +176,7 @@ def state(
 
 
 def answer(action: dict[str, Any], at: GateState | None = None, **options: Any) -> Candidate | Refused:
-    """Return what the driver makes of an action: as the gate asks."""
+    """Judge an action as the gate does."""
     robot, at = driver(**options), at or state()
     candidate = robot.parse(action, at)
     if isinstance(candidate, Candidate):
@@ -199,8 +199,8 @@ def refused(action: dict[str, Any], at: GateState | None = None, **options: Any)
 
 
 def judge_client(seen: Mapping[str, Any], twin: Twin) -> None:
-    """Check what a client library of others saw: that drove ten times and said zero, then twice and
-    said nothing."""
+    """Check the results of a third-party client that drove ten times and sent a zero, then drove twice without
+    a zero."""
     kinds = [one.kind for one in twin.log.entries() if one.sender == "host" and one.kind in ("setpoint", "safe")]
     assert {"/cmd_vel", "/arm6_joints", "/odom_raw", "/scan1"} <= set(seen["topics"])
     assert seen["type"] == "geometry_msgs/msg/Twist"
@@ -226,7 +226,7 @@ async def served(wire: Wire | StopChannel) -> AsyncIterator[None]:
 
 @asynccontextmanager
 async def running(world: World) -> AsyncIterator[YahboomWire]:
-    """A wire that is open, served and armed."""
+    """Yield an open, served and armed wire."""
     wire = world.wire()
     await wire.open()
     async with served(wire):
@@ -237,7 +237,7 @@ async def running(world: World) -> AsyncIterator[YahboomWire]:
 
 
 def target(world: World, now_ns: int = NOW_NS, **action: float) -> tuple[float, ...]:
-    """What an action comes to on an arm that is at zero."""
+    """Return the target of an action, for an arm at zero."""
     named = {
         key.replace("_x", ".x").replace("_y", ".y").replace("_z", ".z"): value for key, value in action.items()
     }

@@ -1,6 +1,6 @@
-"""roslibpy, unmodified, against a rosbridge: ``python -m tests.drivers.yahboom.roslibpy_client
-HOST PORT``. Prints what it saw as JSON. A process of its own: twisted's reactor cannot be
-started twice."""
+"""Run the unmodified roslibpy against a rosbridge: ``python -m tests.drivers.yahboom.roslibpy_client HOST
+PORT``. It prints its results as JSON. It needs a separate process, since twisted's reactor cannot be started
+twice."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ def main(host: str, port: int) -> dict[str, Any]:
     for _ in range(2):
         drive.publish(roslibpy.Message(DRIVE))
         time.sleep(0.1)
-    time.sleep(0.6)  # and no zero: the base's firmware does it
+    time.sleep(0.6)  # without a zero, which the base's firmware has to supply
     seen |= {
         "refused": refused,
         "odometry": len(odometry),
@@ -66,4 +66,4 @@ def main(host: str, port: int) -> dict[str, Any]:
 
 if __name__ == "__main__":
     print(json.dumps(main(sys.argv[1], int(sys.argv[2]))), flush=True)
-    os._exit(0)  # its reactor's thread outlives the last statement
+    os._exit(0)  # the reactor's thread outlives the last statement

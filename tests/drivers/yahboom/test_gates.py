@@ -1,5 +1,5 @@
-"""What the driver accepts and refuses: options, addresses, the twist and the arm, how long each
-may live, and what an operator has to approve."""
+"""Test what the driver accepts and refuses: options, addresses, twist and arm, the lifetime of each, and which
+commands an operator has to approve."""
 
 from __future__ import annotations
 
@@ -141,7 +141,8 @@ def test_what_a_servo_is_told_is_what_it_reports(sign: float) -> None:
     for at, servo in enumerate(table_of("yahboom_m3pro").servos_by((sign,) * 5)):
         for degrees in range(servo.low_deg, servo.high_deg + 1):
             assert servo.whole_degrees(servo.radians(degrees)) == degrees
-            reported = table_of("yahboom_m3pro").servos[at].radians(degrees)  # by a robot, which has no signs
+            # reported by a robot, which has no signs
+            reported = table_of("yahboom_m3pro").servos[at].radians(degrees)
             assert servo.turned(reported) == pytest.approx(servo.radians(degrees))
 
 
@@ -219,7 +220,7 @@ def test_transports_are_the_drivers_own_and_the_twin() -> None:
         plan("yahboom_m3pro", "real", transport="twin", port="192.0.2.1")
 
 
-# -- what an agent may ask, and what a person has to approve
+# -- requests of an agent, and approvals of a person
 
 
 def call(**inputs: object) -> Call:
@@ -281,7 +282,7 @@ def test_the_topic_allows_all_of_it(monkeypatch: pytest.MonkeyPatch) -> None:
     assert asked({"linear.x": 0.1, "linear.y": 0.1}) == ("linear.y",)
 
 
-# -- verbs in the servos' own degrees, as scripts of strands-robots have them
+# -- verbs in the servos' own degrees, as in scripts of strands-robots
 
 
 def test_the_gripper_opens_and_closes_by_a_truth_value() -> None:

@@ -1,5 +1,4 @@
-"""rosbridge's JSON and the messages in it: exact texts, and no exception but the codec's own,
-whatever comes."""
+"""Test rosbridge's JSON and its messages: exact texts, and only the codec's own error for any input."""
 
 from __future__ import annotations
 
@@ -149,7 +148,7 @@ def samples() -> list[str]:
 
 
 def disturbed(random_: random.Random, texts: list[str]) -> str:
-    """A text with pieces lost, doubled, changed, or of another."""
+    """Return a text with pieces that are lost, doubled, changed, or from another text."""
     text = list(random_.choice(texts))
     for _ in range(random_.randint(1, 4)):
         at = random_.randrange(len(text) + 1)
@@ -169,7 +168,7 @@ def disturbed(random_: random.Random, texts: list[str]) -> str:
 
 
 def test_saf_014_disturbed_texts_raise_nothing_else_and_command_nothing_undeclared() -> None:
-    """Both ends. What the twin takes as a command it can show as one."""
+    """This covers both ends. Each command that the twin accepts can be displayed as one."""
     random_, texts = random.Random(22), samples()
     said: list[str] = []
     twin = M3ProTwin("yahboom_m3pro", lambda: 0.0)

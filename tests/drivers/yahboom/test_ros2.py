@@ -1,5 +1,5 @@
-"""``transport="ros2"`` with a stand-in for rclpy in the wire process, and a participant of DDS
-in place of the base for the root's way to it. Nobody has seen either on a robot."""
+"""Test ``transport="ros2"`` with a stand-in for rclpy in the wire process, and a DDS participant in place of
+the base for the root's channel. Neither was run on a robot."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ def driver() -> YahboomM3Pro:
 
 
 class Blank:
-    """A message of any type: attributes are there when they are asked for."""
+    """A message of any type. Attributes exist as soon as they are read."""
 
     def __getattr__(self, name: str) -> Any:
         if name.startswith("__"):
@@ -92,7 +92,7 @@ class Node:
 
 
 class StandIn:
-    """The calls of rclpy that are used, and a base that rolls as it is told."""
+    """The rclpy calls that the wire uses, and a base that follows its commands."""
 
     def __init__(self) -> None:
         self.published: list[tuple[str, Any]] = []
@@ -102,7 +102,7 @@ class StandIn:
         self.broken = False
         self.hangs_s = 0.0
         self.silent = False
-        self.repeats = False  # it tells one stamp again and again
+        self.repeats = False  # True: it repeats one stamp
         self.nodes = 0
         self.domain = -1
         self._told_ns = 0
@@ -130,7 +130,7 @@ class StandIn:
         self.nodes += 1
         return Node(self)
 
-    # an executor
+    # an executor's method
 
     def add_node(self, node: Node) -> None: ...
     def shutdown(self, timeout_sec: float) -> None: ...
@@ -253,7 +253,7 @@ def test_without_rclpy_its_install_line_is_said() -> None:
 
     assert link_of(driver().config, MonotonicClock()).__class__ is Ros2Link
     with pytest.raises(WireDown):
-        load_sdk("rclpy", "x")  # it is not here, and nothing here brings it
+        load_sdk("rclpy", "x")  # neither installed nor provided by this test
     trio.run(test)
 
 
@@ -270,11 +270,11 @@ def test_a_domain_that_is_none_is_refused(monkeypatch: pytest.MonkeyPatch, text:
         domain_of_environment()
 
 
-# -- the root's way, by DDS
+# -- the root's channel over DDS
 
 
 def odometry_cdr(stamp_ns: int, speed: float, frame: str = "odom", child: str = "base_footprint") -> bytes:
-    """A ``nav_msgs/msg/Odometry`` as ROS 2 writes it."""
+    """Return a ``nav_msgs/msg/Odometry`` as ROS 2 encodes it."""
     body = struct.pack("<iI", *divmod(stamp_ns, 10**9))
     for text in (frame, child):
         body += bytes(-len(body) % 4) + struct.pack("<I", len(text) + 1) + text.encode() + b"\0"
@@ -311,7 +311,7 @@ def test_odometry_that_ends_early_is_malformed() -> None:
 
 
 class Base:
-    """The node of the base, as a participant: hears ``/cmd_vel``, and tells its speed."""
+    """The node of the base, as a participant: it reads ``/cmd_vel``, and publishes its speed."""
 
     def __init__(self, host: str) -> None:
         self.participant = Participant(DOMAIN, host, multicast=False)

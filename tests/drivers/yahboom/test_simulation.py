@@ -1,4 +1,4 @@
-"""Its simulation drives and reaches."""
+"""Test that the simulation drives and reaches."""
 
 from __future__ import annotations
 

@@ -1,5 +1,4 @@
-"""What stops it, in virtual time over rosbridge in memory: the wire, a link that was lost, the stop
-channel."""
+"""Test what stops the robot, in virtual time over rosbridge in memory: the wire, a lost link, the stop channel."""
 
 from __future__ import annotations
 
@@ -69,13 +68,12 @@ def test_saf_005_slow_answers_confirm_late_and_hold_no_zero_up(answer_s: float) 
 
 
 def test_saf_005_odometry_of_before_the_zero_confirms_nothing() -> None:
-    """What was on its way when the bridge took the zero shows a base that stood before it was told
-    to move."""
+    """Reports that were under way when the bridge took the zero show a base at rest before its command to move."""
 
     async def test() -> None:
         world = World(watchdog_s=0)
         async with running(world) as wire:
-            world.answer_s = 0.2  # odometry of rest goes on coming for so long
+            world.answer_s = 0.2  # reports of rest go on arriving for this time
             await trio.sleep(0.01)
             await wire.write(target(world, linear_x=1.0), Permission())
             await trio.sleep(0.1)

@@ -1,5 +1,5 @@
-"""A real robot on the twin: stops, lifetimes, the arm, the operator, a hung bridge. Safety is
-read in the twin's log."""
+"""Test a real robot on the twin: stops, lifetimes, the arm, the operator, a hung bridge. The twin's log shows
+the safety."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from strands_actors.testing.wirelog import Entry
 from tests.answers import json_of, pids, state, status, until, why
 from tests.trees import armed, first_safe, is_lost_while_stuck, robot_on
 
-"""For a machine that runs other tests meanwhile."""
+"""For a machine that runs other tests at the same time."""
 
 
 @pytest.fixture
@@ -49,7 +49,7 @@ def of(entries: list[Entry], topic: str) -> list[dict[str, Any]]:
 
 
 def drive(robot: RealRobot, twin: Twin, **speeds: float) -> int:
-    """Send a twist and see it on the wire; when."""
+    """Send a twist and wait until it is on the wire. Return when it was sent."""
     armed(robot)
     began_ns = time.monotonic_ns()
     json_of(robot.send_action({"linear.x": 0.0, **{key.replace("_", "."): value for key, value in speeds.items()}}))
@@ -123,8 +123,7 @@ def test_saf_005_a_base_whose_odometry_moves_is_not_reported_as_stopped(m3: Real
 
 @pytest.mark.long
 def test_saf_010_a_command_that_waits_in_a_stopped_bridge_is_followed_by_zero(m3: RealRobot, twin: Twin) -> None:
-    """The bridge is stopped, a command is handed to its socket, the caller stops, the bridge
-    goes on."""
+    """The bridge is stopped with a command in its socket. The caller stops, then the bridge continues."""
     drive(m3, twin, linear_x=0.3)
     twin.pause()
     m3.send_action({"linear.x": 0.9})
@@ -143,8 +142,7 @@ def test_saf_010_a_command_that_waits_in_a_stopped_bridge_is_followed_by_zero(m3
 def test_saf_002_a_bridge_that_was_away_for_a_second_carries_out_zero_last_and_nothing_after(
     m3: RealRobot, twin: Twin
 ) -> None:
-    """Its writer goes on all the while, at 100 Hz: what waits is bounded, and the link counts as
-    lost."""
+    """Its writer continues all the time at 100 Hz. The queue is bounded, and the link counts as lost."""
     drive(m3, twin, linear_x=0.3)
     twin.pause()
     until_s = time.monotonic() + 1.0
@@ -189,7 +187,7 @@ def test_saf_020_a_cable_that_is_back_carries_zero_before_any_question(m3: RealR
 def test_saf_012_a_base_that_says_the_same_again_and_again_is_lost_and_told_nothing(
     m3: RealRobot, twin: Twin
 ) -> None:
-    """Every socket is open, and every answer comes."""
+    """Every socket is open, and every answer arrives."""
     drive(m3, twin, linear_x=0.2)
     is_lost_while_stuck(m3, twin, {"linear.x": 0.2}, "not changed its stamp")
 
@@ -256,11 +254,11 @@ def test_sensors(m3: RealRobot) -> None:
     assert sensors["acceleration_m_s2"] == [0.0, 0.0, 9.81]
 
 
-# -- who may drive
+# -- the right to drive
 
 
 def asked(robot: RealRobot, given: dict[str, Any]) -> dict[str, Any]:
-    """What an agent is answered."""
+    """Return the answer to an agent."""
     return asyncio.run(robot.use_tool(given, "an agent"))
 
 

@@ -1,4 +1,4 @@
-"""The twin as others see it: roslibpy, unmodified; and the robot behind it."""
+"""Test the twin with the unmodified roslibpy, and the robot behind it."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ def test_roslibpy_drives_reads_and_is_told_what_is_wrong(tmp_path: Path) -> None
 
 
 class Clock:
-    """Seconds that pass when a test says so."""
+    """A clock that the test advances."""
 
     def __init__(self) -> None:
         self.now_s = 0.0

@@ -1,4 +1,4 @@
-"""The wire in virtual time, over rosbridge in memory: what leaves, and when."""
+"""Test the wire in virtual time, over rosbridge in memory: what is sent, and when."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ SIGNS = [-1.0, 1.0, -1.0, 1.0, -1.0]
 
 
 def test_saf_011_a_joint_that_is_not_named_stays_whichever_way_it_turns() -> None:
-    """All six servos are told at once, the others where they are reported to be."""
+    """A command has all six servos. The others get their reported positions."""
 
     async def test() -> None:
         world = World(driver={"joint_signs": SIGNS})
@@ -66,7 +66,7 @@ def test_saf_011_a_joint_that_is_not_named_stays_whichever_way_it_turns() -> Non
 
 
 def test_the_twin_reports_its_servos_and_knows_nothing_of_signs() -> None:
-    """As a robot would, whose topic every client hears."""
+    """As on a robot, whose topic every client receives, the positions have no signs."""
 
     async def test() -> None:
         world = World(driver={"joint_signs": SIGNS})
@@ -168,7 +168,7 @@ def test_saf_012_odometry_that_does_not_come_any_more_is_a_lost_link() -> None:
 
 @pytest.mark.parametrize("at_once", [True, False])
 def test_saf_012_odometry_that_repeats_itself_is_not_new_and_ends_the_link(at_once: bool) -> None:
-    """Every socket is open, every answer comes; the base says the same again and again."""
+    """Every socket is open and every answer arrives, but the base repeats its report."""
 
     async def test() -> None:
         world = World(driver={"timeout_s": 1.0})
@@ -293,7 +293,7 @@ def test_saf_010_a_robot_that_is_silent_is_sent_nothing() -> None:
 
 
 def test_saf_011_where_the_arm_was_told_to_be_is_forgotten_when_it_is_armed_anew() -> None:
-    """Somebody may have moved it meanwhile, and the robot does not report where it is."""
+    """The arm may have been moved in the meantime, and the robot does not report its position."""
 
     async def test() -> None:
         world = World(joints=False)

@@ -1,4 +1,4 @@
-"""What reads LeRobot's configs."""
+"""Stand-in for the reader of LeRobot's configs."""
 
 from __future__ import annotations
 

@@ -1,1 +1,1 @@
-"""An SDK that is only looked for."""
+"""Stand-in for an SDK of which only the presence is checked."""

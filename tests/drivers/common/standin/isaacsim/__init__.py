@@ -1,5 +1,6 @@
-"""A stand-in of Isaac Sim 5: of what it is asked by name, and of the order in which that is allowed.
-Its physics is a first-order lag toward each target; a joint without stiffness turns with its torque.
+"""A stand-in for Isaac Sim 5: the names that are called, and the order in which the calls are allowed.
+
+Its physics is a first-order lag toward each target. A joint without stiffness turns with its torque.
 """
 
 from __future__ import annotations
@@ -10,7 +11,7 @@ from typing import Any
 calls: list[tuple[str, Any]] = []
 running: list[Any] = []
 imported: dict[str, list[str]] = {}
-"""Joints by the path of the prim that a file was imported to: in the importer's order, not the file's."""
+"""Joints by the path of the prim to which a file was imported, in the importer's order and not the file's."""
 
 
 class SimulationApp:

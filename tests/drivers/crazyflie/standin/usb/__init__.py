@@ -1,6 +1,4 @@
-"""A stand-in for pyusb: what a Crazyradio and a Crazyflie on USB do, with a twin behind them over
-UDP.
+"""A stand-in for pyusb: a Crazyradio and a Crazyflie on USB, with a twin behind them over UDP.
 
-``CRAZYFLIE_STANDIN`` in the environment names the twin's address, and a file that says what
-happened.
+The environment variable ``CRAZYFLIE_STANDIN`` names the twin's address, and a file for the events.
 """

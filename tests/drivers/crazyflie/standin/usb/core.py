@@ -1,4 +1,4 @@
-"""Devices, as pyusb has them: transfers that wait, errors with a number."""
+"""Devices with pyusb's interface: transfers that wait, errors with a number."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from typing import Any
 SETTINGS = {1: "channel", 2: "address", 3: "rate", 4: "power", 5: "retry delay", 6: "retries", 0x10: "acknowledge"}
 NULL = b"\xff"
 WAIT_S = 0.002
-"""For what the drone has to say to a packet."""
+"""Time for the drone's answer to a packet."""
 
 
 class USBError(OSError):
@@ -29,7 +29,7 @@ class NoBackendError(ValueError):
 
 
 class Device:
-    """One at a time has it, as the kernel's claim on an interface makes sure."""
+    """A device that one process has at a time, like the kernel's claim on an interface."""
 
     def __init__(self, config: dict[str, Any], kind: str) -> None:
         self._config = config
@@ -60,7 +60,7 @@ class Device:
         assert endpoint == 1 and 0 < len(data) <= 32 and self._sock is not None
         self._check()
         try:
-            if data != NULL:  # it goes no further than the drone's radio
+            if data != NULL:  # it does not go beyond the drone's radio
                 self._sock.send(data)
             self._answers.append(self._hear())
         except OSError:

@@ -1,4 +1,4 @@
-"""What releases a device."""
+"""The call that releases a device."""
 
 from __future__ import annotations
 

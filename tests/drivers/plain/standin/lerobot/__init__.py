@@ -1,2 +1,2 @@
-"""What ``driver="lerobot"`` meets of LeRobot 0.4.4, without it: the names, and what their calls do
-to motors."""
+"""Stand-in for the parts of LeRobot 0.4.4 that ``driver="lerobot"`` uses: the names, and the effect of their
+calls on motors."""

@@ -27,7 +27,7 @@ class RobotConfig:
 
 
 class Robot:
-    """Of LeRobot's robots, as far as a loop calls them."""
+    """Base of LeRobot's robots, with the members that a loop calls."""
 
 
 def make_robot_from_config(config: RobotConfig) -> Any:

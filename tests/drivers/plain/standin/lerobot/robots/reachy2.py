@@ -1,5 +1,5 @@
-"""A robot behind an SDK, which energises it when it connects and lets it go when it disconnects. Its
-wire is that of the small arm."""
+"""A robot behind an SDK that energises it when it connects and releases it when it disconnects. It uses the
+small arm's wire."""
 
 from __future__ import annotations
 

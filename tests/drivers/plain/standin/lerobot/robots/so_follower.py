@@ -1,5 +1,5 @@
-"""An arm of Feetech servos, by the vendor's client. As with LeRobot, connecting configures the motors
-without torque, and gives it back at the end, whatever their goals are."""
+"""An arm of Feetech servos, by the vendor's client. As with LeRobot, connecting configures the motors without
+torque. Then it restores the torque, whatever their goals are."""
 
 from __future__ import annotations
 
