@@ -44,7 +44,7 @@ class Evidence:
         self._conversation: Conversation = world.conversation
 
     def s(self, t_s: float) -> str:
-        """Return a time as text, counted from the begin of the run."""
+        """Return a time as text, counted from the beginning of the run."""
         return f"{t_s - self.world.began_s:.4f} s"
 
     def safe_states(self, *reasons: Reason) -> frozenset[str]:
