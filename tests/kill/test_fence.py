@@ -69,8 +69,8 @@ def test_saf_016_a_root_that_dies_as_it_ends_a_frozen_wire_has_written(strands_r
 
 
 def test_saf_003_a_stop_of_a_task_beside_a_dead_wire_does_not_end_the_root(strands_robot: Start) -> None:
-    """Neither the policy nor the gate answers the root. The root must not fail, because it has the only
-    stop channel then."""
+    """Neither the policy nor the gate answers the root. The root must not fail, because its
+    stop channel is needed at that moment."""
     arm, twin = strands_robot("so101")
     started = arm.start_task("wave", policy_provider="tests.kill.sitting:Sitting")
     assert started["status"] == "success", started
