@@ -1,5 +1,7 @@
-"""Operators on the mesh of a simulated robot, and the policy of its rollouts. The script that starts
-the tree is in ``script.py``."""
+"""Simulate operators on the mesh of a robot, and the policy of its rollouts.
+
+The script that starts the tree is in ``script.py``.
+"""
 
 from __future__ import annotations
 
@@ -44,13 +46,17 @@ FENCE_S = 3.0
 START_S = 1.0
 PERIOD_S = 1 / 30
 ONESHOT_S = 0.25
-"""Until a single command that is latched must have reached the wire."""
+"""A latched single command must reach the wire within this time."""
 HASTY_S = (0.001, 0.02)
-"""How long the setpoints of a hasty stream live."""
+"""Shortest and longest lifetime of the setpoints of a hasty stream."""
 
 
 class Sweep:
-    """The policy of a rollout: a few actions at a time. ``actions``: of the present run."""
+    """The policy of a rollout, which returns six actions at a time.
+
+    Attributes:
+        actions: The actions of the present run.
+    """
 
     actions: Actions
 
@@ -59,7 +65,11 @@ class Sweep:
 
 
 class Asker:
-    """An operator. ``events``: what it asks, and when since the world began."""
+    """An operator.
+
+    Attributes:
+        events: Its requests, with their times since the beginning of the run.
+    """
 
     def __init__(self, world: World, name: str, events: list[Event], actions: Actions, driver: Driver) -> None:
         self.world = world
@@ -89,7 +99,7 @@ class Asker:
             await trio.sleep_forever()
 
     async def _begin(self) -> None:
-        """Start what it does by itself: an operator does nothing."""
+        """Begin the activity between events. An operator has none."""
 
     async def _wait_and_do(self, event: Event) -> None:
         await trio.sleep_until(self.world.began_s + event.at_s)
@@ -165,7 +175,7 @@ class Asker:
             await self._ask(self.gate, setpoint, ASK_S)
 
     async def _perform(self) -> None:
-        """Ask for one of the driver's own services, whatever it is."""
+        """Request a drawn service of the driver."""
         if self.lease is None:
             await self._acquire()
         if self.lease is not None and self.driver.SERVICES:
@@ -174,8 +184,11 @@ class Asker:
             await self._ask(self.gate, Perform(self.lease.id, self.lease.epoch, service, {}, None), within_s)
 
     async def _stream(self, for_s: float, hasty: bool = False) -> None:
-        """Send setpoints until something is refused. The setpoints of a hasty stream live for a few
-        milliseconds: some are late, and none of these may be written."""
+        """Send setpoints until one is refused.
+
+        The setpoints of a hasty stream live for a few milliseconds. Some are late, and a late one
+        must not be written.
+        """
         if self.lease is None:
             await self._acquire()
         rng = self.world.rng("hasty")

@@ -1,4 +1,4 @@
-"""What the kernel and the system do for processes, for simulated ones: start, watch, signal."""
+"""Start, watch and signal simulated processes, in place of the kernel and the system."""
 
 from __future__ import annotations
 
@@ -20,11 +20,11 @@ Main = Callable[[dict[str, Any], Socket], Awaitable[None]]
 
 FORKED_S = 0.008
 EXECUTED_S = 0.25
-"""From a start to the child's first own step, at most [assumed: a quiet machine]."""
+"""Longest time from a start to the child's first step [assumed: a quiet machine]."""
 
 
 class SimChild(ChildProcess):
-    """A child and the link to it, as its parent sees them."""
+    """The parent's view of a child and the link to it."""
 
     def __init__(self, child: Process, sock: Socket) -> None:
         super().__init__(child.pid, sock)  # type: ignore[arg-type]
@@ -53,7 +53,7 @@ class SimChild(ChildProcess):
 
 
 async def until_ended(process: Process) -> None:
-    """Return when the system has told of its end."""
+    """Wait until the system has reported the end of a process."""
     watcher = process.world.current
     ended = trio.Event()
     if process.gone:
@@ -94,12 +94,12 @@ class Starter:
     def execute(
         self, entry: str, args: Mapping[str, Any], pass_fds: Sequence[int] = (), label: str = ""
     ) -> SimChild:
-        """As ``process.start``."""
+        """Start a child, as ``process.start`` does."""
         return self.start(entry, args, EXECUTED_S)
 
 
 class SimAhead:
-    """As ``ForkedAhead``: one child that was forked before."""
+    """Replaces ``ForkedAhead``: one child that was forked in advance."""
 
     def __init__(self, starter: Starter) -> None:
         self._starter: Starter | None = starter
@@ -110,7 +110,7 @@ class SimAhead:
 
 
 class SimSpawner:
-    """As the root's ``Spawner``; one that is slow starts what it was asked for late."""
+    """Replaces the root's ``Spawner``. A slow spawner starts its children late."""
 
     def __init__(self, starter: Starter) -> None:
         self._starter = starter
@@ -130,7 +130,7 @@ class SimSpawner:
 
 
 class SimPeer:
-    """As ``Peer``: a process of the tree that is no child of this one."""
+    """Replaces ``Peer``: a process of the tree that is not a child of this one."""
 
     def __init__(self, world: World, pid: int, pidfd: int | None = None) -> None:
         found = world.by_pid(pid)
@@ -176,7 +176,7 @@ class SimOs:
         return os.dup(fd)
 
     def pidfd_open(self, pid: int) -> int:
-        """A descriptor to give away; who gets it goes by the number that comes with it."""
+        """Return a descriptor to pass on. The receiver uses only the pid that is sent with it."""
         self._world.current.resources.open_file()
         return os.memfd_create(f"pidfd {pid}")
 
@@ -191,7 +191,7 @@ class SimOs:
 
 
 def suspected(world: World, pid: int) -> Standing | None:
-    """How a process stands with the processor. One that lags stands in line."""
+    """Return whether a process runs, is stopped or waits for a processor. A process with a lag waits."""
     process = world.by_pid(pid)
     if process is None or process.gone:
         return None
@@ -202,7 +202,7 @@ def suspected(world: World, pid: int) -> Standing | None:
 
 
 class SimStatFile:
-    """As ``StatFile``."""
+    """Replaces ``StatFile``."""
 
     def __init__(self, world: World, pid: int) -> None:
         self._world = world

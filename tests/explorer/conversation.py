@@ -1,5 +1,7 @@
-"""What was asked of the tree, by whom and when, and what it answered: read from the frames between
-processes."""
+"""Record the requests to the tree and its answers, with their senders and times.
+
+They are read from the frames between processes.
+"""
 
 from __future__ import annotations
 
@@ -33,7 +35,11 @@ _reply = msgspec.msgpack.Decoder(Reply)
 
 @dataclass
 class Asked:
-    """``answered_s``: when the answer left."""
+    """A request to the tree, and its answer.
+
+    Attributes:
+        answered_s: When the answer was sent; infinity if there was no answer.
+    """
 
     at_s: float
     who: str
@@ -48,7 +54,7 @@ class Asked:
 
 
 class Told(NamedTuple):
-    """An envelope that the script got for a verb, as a user reads it."""
+    """The envelope that the script received for a verb, as a user reads it."""
 
     asked_s: float
     answered_s: float
@@ -65,7 +71,7 @@ class Conversation:
     _open: dict[tuple[str, int], Asked] = field(default_factory=dict)
 
     def hear(self, now_s: float, who: str, pid: int, data: bytes) -> None:
-        """A frame leaves ``who``."""
+        """Record a frame that ``who`` sends."""
         head = decode_frame(data)
         if head.kind not in (TELL, ASK, REPLY):
             return
@@ -77,7 +83,7 @@ class Conversation:
                 return
             message = _question.decode(head.body)
         except msgspec.ValidationError:
-            return  # of no interest here
+            return  # No invariant reads other messages.
         asked = Asked(now_s, who, pid, message)
         if head.kind == ASK:
             self._open[head.reply_to, head.cid] = asked
@@ -88,7 +94,7 @@ class Conversation:
 
 
 def type_name(data: bytes) -> str:
-    """Return the name of the type of the message in a frame; empty where it carries none."""
+    """Return the name of the type of the message in a frame; empty if the frame carries no message."""
     head = decode_frame(data)
     if head.kind not in (TELL, ASK, REPLY):
         return ""

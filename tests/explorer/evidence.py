@@ -1,4 +1,4 @@
-"""What a run has left behind, for its invariants to look at."""
+"""Collect the evidence of a run, which its invariants check."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ from .robot_model import Frame, RobotModel
 from .world import TREE, Process, World
 
 ALONE_S = 0.35
-"""So long before a fault, and until its bound is over, nothing else was wrong: then its bound is
-promised."""
+"""The bound of a fault is promised if there was no other fault from this time before it until the
+end of the bound."""
 
 
 class Fault(NamedTuple):
@@ -27,7 +27,11 @@ class Fault(NamedTuple):
 
 
 class Evidence:
-    """``mended_s``: since then nothing is wrong any more."""
+    """The frames, requests, answers and faults of a run.
+
+    Attributes:
+        mended_s: All faults are undone from this time on.
+    """
 
     def __init__(self, world: World, model: RobotModel, mended_s: float) -> None:
         self.world = world
@@ -40,16 +44,18 @@ class Evidence:
         self._conversation: Conversation = world.conversation
 
     def s(self, t_s: float) -> str:
-        """A time for people."""
+        """Return a time as text, counted from the beginning of the run."""
         return f"{t_s - self.world.began_s:.4f} s"
 
     def safe_states(self, *reasons: Reason) -> frozenset[str]:
-        """Return what the robot is brought to for these reasons."""
+        """Return the safe states of the robot for these reasons."""
         return frozenset(str(self.model.driver.fallbacks[reason]) for reason in reasons)
 
     def ends_by(self, t_s: float) -> bool:
-        """Return whether the robot is on its way to its end by itself, as a drone that lands: the
-        last that it was told is what a stop leads to."""
+        """Return whether the robot is finishing by itself, as a drone that lands.
+
+        Its last frame then carries a safe state of a stop.
+        """
         last = next((frame for frame in reversed(self.frames) if frame.t_s <= t_s), None)
         return last is not None and last.safe_state in self.safe_states(Reason.STOP, Reason.ESTOP)
 
@@ -63,14 +69,14 @@ class Evidence:
         return self._conversation.told
 
     def energising(self) -> Iterator[tuple[float, frozenset[int]]]:
-        """Return when motors got their power, and which."""
+        """Yield the times when motors were energised, and these motors."""
         before: frozenset[int] = frozenset()
         for t_s, motors in self.energised_log:
             if motors - before:
                 yield t_s, motors - before
             before = motors
 
-    # -- setpoints on the wire, and who asked for them
+    # -- setpoints on the wire, and their requests
 
     def setpoints(self) -> Iterator[tuple[Frame, Asked]]:
         yield from ((frame, asked) for frame, asked in self._setpoints if asked is not None)
@@ -80,7 +86,11 @@ class Evidence:
 
     @cached_property
     def _setpoints(self) -> list[tuple[Frame, Asked | None]]:
-        """Known by the marks on their wrists, where these were written; else by all that was."""
+        """Each setpoint on the wire with its request; None if no request fits.
+
+        A request is recognised by the marked value of its wrist. If the frame does not write that
+        axis, all goals of the frame are compared.
+        """
         marked: dict[tuple[int, float], Asked] = {}
         goals: list[tuple[Asked, dict[int, float]]] = []
         for asked in self._conversation.setpoints:
@@ -101,25 +111,30 @@ class Evidence:
         return found
 
     def last_order(self, t_s: float) -> Frame | None:
-        """Return the last setpoint or safe frame of the robot by then."""
+        """Return the last setpoint or safe frame of the robot until this time."""
         orders = (frame for frame in reversed(self.frames) if frame.t_s <= t_s and frame.kind != "enable")
         return next(orders, None)
 
     def is_moved_by(self, frame: Frame, told: Told) -> bool:
-        """Return whether this setpoint is one that the verb ends: it was asked for before, by a
-        policy, or for a release by the script itself."""
+        """Return whether the verb should have ended this setpoint.
+
+        It should if a policy requested the setpoint before the verb. A release also ends the
+        setpoints of the script itself.
+        """
         writers = ("policy",) if told.verb == "stop_task" else (CALLER, "policy")
         return any(
             each is frame and asked.at_s < told.asked_s and asked.who in writers for each, asked in self.setpoints()
         )
 
     def counts(self, frame: Frame) -> bool:
-        """Whether who wrote this frame could know that no other would write: the wire, or its
-        heir."""
+        """Return whether the writer of this frame could know that it is the only writer.
+
+        The wire process always knows it. Another process knows it when the wire process has ended.
+        """
         return frame.role == "wire" or not self._wire_lives(frame.left_s)
 
     def limp_since(self, motor: int, t_s: float) -> float:
-        """When a motor lost its torque that gets it back at ``t_s``."""
+        """Return when a motor that gets its torque back at ``t_s`` had lost it."""
         since_s = self.world.began_s
         had = False
         for at_s, motors in self.energised_log:
@@ -130,7 +145,7 @@ class Evidence:
             had = motor in motors
         return since_s
 
-    # -- what was wrong
+    # -- faults
 
     @cached_property
     def faults(self) -> list[Fault]:
@@ -141,22 +156,25 @@ class Evidence:
         ]
 
     def heard(self, from_s: float, to_s: float) -> bool:
-        """Whether the bus was in order then, but for servos that protect themselves."""
+        """Return whether the bus had no fault in this time. A servo that protects itself is no fault."""
         troubles = [fault for fault in self.faults if fault.kind not in ("unload", "restart")]
         return not any(fault.t_s < to_s and from_s < fault.t_s + _lasts_s(fault) + 0.2 for fault in troubles)
 
     def lone_faults(self) -> Iterator[Fault]:
-        """Of caller, root or wire, with nothing else wrong beside it."""
+        """Yield each kill or freeze of caller, root or wire that has no other fault near it."""
         for fault in self.faults:
             if fault.kind not in ("kill", "freeze") or fault.who not in ("caller", "root", "wire"):
                 continue
             if fault.kind == "freeze" and fault.who == "caller":
-                continue  # what it commanded is held; what it did not command is not
+                continue  # A frozen caller leads to a hold only if it had commanded a motion.
             if self._is_alone(fault):
                 yield fault
 
     def faults_beside_exhaustion(self) -> Iterator[Fault]:
-        """Of caller, root or wire, while another process lacks something, with nothing else wrong."""
+        """Yield each kill or freeze of caller, root or wire while another process is exhausted.
+
+        There is no further fault near it.
+        """
         for fault in self.faults:
             if fault.kind not in ("kill", "freeze") or fault.who not in ("caller", "root", "wire"):
                 continue
@@ -168,7 +186,7 @@ class Evidence:
                 yield fault
 
     def lone_conditions(self) -> Iterator[Fault]:
-        """Of the robot itself, with nothing else wrong beside it."""
+        """Yield each condition of the robot itself that has no other fault near it."""
         yield from (fault for fault in self.faults if fault.kind in CONDITIONS and self._is_alone(fault))
 
     def _is_alone(self, fault: Fault) -> bool:
@@ -176,7 +194,7 @@ class Evidence:
 
     @property
     def excused(self) -> bool:
-        """Whoever could act last was killed by the plan: nobody was left."""
+        """Return whether the plan killed the last process that could have made the robot safe."""
         able = [process for process in self.world.processes if process.role in ("root", "wire", "standby")]
         last = max(able, key=lambda process: process.until_s, default=None)
         return last is not None and last.by_plan
@@ -187,7 +205,7 @@ class Evidence:
         )
 
     def gone_since(self, pid: int, t_s: float) -> float:
-        """Since when a process is dead or frozen at ``t_s``; ``t_s``: it is not."""
+        """Return since when a process is dead or frozen at ``t_s``; ``t_s`` itself if it is neither."""
         process = self.world.by_pid(pid)
         assert process is not None
         if process.until_s <= t_s:
@@ -195,15 +213,18 @@ class Evidence:
         return next((begin_s for begin_s, end_s in process.frozen_times if begin_s <= t_s < end_s), t_s)
 
     def orders(self) -> Iterator[Asked]:
-        """Stops, with nothing wrong that could keep them from the robot: it can be written to, and
-        who passes them on lives, neither frozen nor late."""
+        """Yield the stops that no fault keeps from the robot.
+
+        The robot can be written to, and every process that passes the stop on is alive, not frozen
+        and not late.
+        """
         for asked in self.asked:
             orders = isinstance(asked.message, Stop) and asked.message.reason in (Reason.STOP, Reason.ESTOP)
             if orders and not any(fault.kind in _DEAF and _near(asked.at_s, fault) for fault in self.faults):
                 yield asked
 
     def failed(self) -> list[Process]:
-        """Processes of the tree that ended by a failure of their own."""
+        """Return the processes of the tree that failed without being exhausted."""
         return [
             process
             for process in self.world.processes

@@ -1,7 +1,7 @@
-"""The reserve of a simulated process, and what takes from it.
+"""Simulate the reserve of a process, and the requests that it makes to the system.
 
-``Reserve`` is the product's own; each simulated process has its state while it runs. What that asks
-of the system is answered here.
+``Reserve`` is the product's class. While a simulated process runs, the object holds the state of that
+process. This module answers its requests instead of the system.
 """
 
 from __future__ import annotations
@@ -36,8 +36,12 @@ def of_current(world: World) -> Resources:
 
 
 def open_file(process: Process, name: str) -> None:
-    """Open one for a connection or port, as the product's own code does. Raise ``WireDown``; with too
-    little for a stop the process ends instead."""
+    """Open a descriptor for a connection or port, as the product's code does.
+
+    Raises:
+        WireDown: The process has no descriptor left. If it could not carry out a stop either, it
+            ends instead.
+    """
     try:
         process.resources.open_file()
     except OSError as error:
@@ -46,12 +50,12 @@ def open_file(process: Process, name: str) -> None:
 
 
 def enter(process: Process) -> None:
-    """From now on the reserve is that of this process."""
+    """Load the reserve of this process."""
     RESERVE.__dict__ = process.resources.reserve
 
 
 def seams_of(world: World) -> tuple[Seam, ...]:
-    """Return what the reserve is given in place of the system."""
+    """Return the replacements that connect the reserve to the simulated system."""
 
     def lacks_thread() -> str:
         try:

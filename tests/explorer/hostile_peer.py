@@ -1,4 +1,4 @@
-"""What a broken or hostile peer makes of what it sends, on a connection or in datagrams."""
+"""Spoil the answers of a peer, on a connection or in datagrams, as a broken or hostile peer does."""
 
 from __future__ import annotations
 
@@ -6,18 +6,21 @@ import random
 from collections import deque
 
 UNASKED = 0.5
-"""Share of answers that an old one comes with."""
+"""Share of the answers that are preceded by an old answer."""
 FLOOD = 40
-"""Copies of each answer."""
+"""Copies of each answer that a flood sends."""
 KEPT = 8
-"""Old answers that it still knows."""
+"""Number of old answers that the peer keeps."""
 MOST_HEARD = 3
-"""Pieces that it takes on a new connection at most before it resets it."""
+"""Most pieces that the peer reads from a new connection before it resets the connection."""
 
 
 class HostilePeer:
-    """``kind``: one of ``kinds.PEER``; empty: it is sound. Each stream of answers has a ``Stream``
-    of its own."""
+    """A peer that may be broken or hostile. Each stream of answers has its own ``Stream``.
+
+    Attributes:
+        kind: One of ``kinds.PEER``; empty if the peer works.
+    """
 
     def __init__(self, rng: random.Random) -> None:
         self.kind = ""
@@ -27,8 +30,8 @@ class HostilePeer:
         return Stream(self, self._rng)
 
     def heard_before_reset(self) -> int | None:
-        """Return how many pieces it takes on a new connection before it resets it. None: it keeps
-        the connection."""
+        """Return how many pieces it reads from a new connection before it resets the connection;
+        None if it keeps the connection."""
         return self._rng.randrange(MOST_HEARD + 1) if self.kind == "refuse" else None
 
 
@@ -42,7 +45,7 @@ class Stream:
         self._cut = False
 
     def spoil(self, answer: bytes) -> list[bytes]:
-        """Return what leaves in place of an answer."""
+        """Return the pieces that are sent instead of an answer."""
         rng, old, kind = self._rng, self._old, self._peer.kind
         before = old[-1] if old else b""
         old.append(answer)

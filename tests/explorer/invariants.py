@@ -1,8 +1,8 @@
-"""What must hold of every run, whatever was drawn: read from registers, frames and what was asked
-and answered.
+"""Check the invariants that every run must keep.
 
-Each is a function from a run's ``Evidence`` to what breaks it. What is promised sharply of one
-fault (a bound) is asked only where nothing else was wrong at that time.
+Each invariant is a function that reads the ``Evidence`` of a run (registers, frames, requests and
+answers) and yields the violations. A bound that is promised for a single fault is checked only
+where no other fault was near.
 """
 
 from __future__ import annotations
@@ -20,33 +20,37 @@ from .evidence import Evidence
 
 NS = 1e9
 LIMP_SEEN_S = 0.08
-"""A servo that lost its torque before, and is heard, is known to be limp: it is read every 33
-ms."""
+"""The driver knows after this time that a servo has lost its torque, because it reads each servo
+every 33 ms."""
 LIMP_KNOWN_S = 0.35
-"""The same after a reset, and where answers are lost."""
+"""The same time after a reset, and where answers are lost."""
 DEATH_S = 0.15
 FREEZE_S = 0.25
-"""Published: 50 ms after a death, 150 ms after a freeze; 100 ms for what the simulated processors
-are late."""
+"""Published are 50 ms after a death and 150 ms after a freeze. 100 ms are added, because the
+simulated processors run late."""
 ORDER_S = 0.3
-"""A stop waits for one message on the mesh, and cuts short what need not be finished."""
+"""A stop waits for one message on the mesh. It interrupts work that need not be finished."""
 HELD_S = 0.15
 """From the success of a verb that ends a motion until the robot holds."""
 WRITER_S = 1.3
 """A writer that is dead or frozen for so long has lost its lease (1 s)."""
 CONDITION_S = 0.4
-"""What a robot reads of itself, at its control rate, is acted on."""
+"""Within this time the tree acts on a condition, which the driver reads at its control rate."""
 START_S = 1.1
-"""By then who asked for a task has been told that it was not started."""
+"""Within this time the sender of a request for a task learns that the task was not started."""
 
 
 EXHAUSTED_S = 0.6
-"""Two bounds of a freeze: a process that lacks something finds that out by its first attempt, ends,
-and the next one acts."""
+"""Two bounds of a freeze. An exhausted process notices this at its first attempt and ends, and then
+the next process acts."""
 
 
 class Violation(NamedTuple):
-    """``invariant``: its name, the same for every run that breaks it."""
+    """A violation of an invariant.
+
+    Attributes:
+        invariant: Name of the invariant, the same for every run that violates it.
+    """
 
     invariant: str
     t_s: float
@@ -67,8 +71,8 @@ def no_setpoint_past_its_deadline(seen: Evidence) -> Found:
 
 
 def no_setpoint_after_a_safe_frame(seen: Evidence) -> Found:
-    """A hold counts from its first frame: what is asked for while it is being confirmed is of its
-    epoch."""
+    """A hold counts from its first frame, because a setpoint that is requested while the hold is being
+    confirmed belongs to the new epoch."""
     asked_for = {id(frame): asked for frame, asked in seen.setpoints()}
     holding = seen.safe_states(*HOLDING_REASONS)
     safe_s = float("-inf")
@@ -96,7 +100,7 @@ def every_setpoint_was_asked_for(seen: Evidence) -> Found:
 
 
 def what_is_not_named_rests(seen: Evidence) -> Found:
-    """A velocity that an action does not name is no velocity; a position stays what it was told."""
+    """A velocity that an action does not name rests. A position that it does not name keeps its goal."""
     for frame, asked in seen.setpoints():
         assert isinstance(asked.message, Setpoint)
         named = {seen.model.told(key, value)[0] for key, value in asked.message.action.items()}
@@ -204,9 +208,11 @@ def a_death_is_followed_by_a_safe_frame(seen: Evidence) -> Found:
 
 
 def nothing_is_energised_without_a_resume(seen: Evidence) -> Found:
-    """By who may: a policy may not. A servo whose torque comes back by a goal is another matter.
+    """A motor is energised only after a resume or a service, and not by a policy.
 
-    What was cut off may take effect for as long as the driver declares, which SAF-021 looks at."""
+    A servo that gets its torque back by a goal is not checked here. A request that was
+    cut off may take effect for as long as the driver declares. SAF-021 checks this.
+    """
     may_energise = Resume | Perform
     asks = [asked for asked in seen.asked if isinstance(asked.message, may_energise) and asked.who != "policy"]
     late_s = seen.model.driver.late_s
@@ -252,8 +258,10 @@ def nothing_stays_energised(seen: Evidence) -> Found:
 
 
 def an_estop_is_carried_out_as_ordered(seen: Evidence) -> Found:
-    """By whoever does it, and however late: a fault that leads to a milder state does not take its
-    place. Until it is confirmed, somebody resumes, or another tree begins."""
+    """Any process may carry out an e-stop, at any time, but not to a milder state for another fault.
+
+    This holds until the e-stop is confirmed, a resume succeeds, or another tree begins.
+    """
     wanted = SafeState(next(iter(seen.safe_states(Reason.ESTOP))))
     resumes = [asked.answered_s for asked in seen.asked if isinstance(asked.answer, Resumed)]
     roots = [process.began_s for process in seen.world.processes if process.role == "root"]
@@ -292,7 +300,7 @@ def a_death_beside_an_exhausted_process_is_followed_by_a_safe_frame(seen: Eviden
 
 
 def nothing_takes_effect_after_a_confirmed_stop(seen: Evidence) -> Found:
-    """What was asked before the stop energises nothing after its report."""
+    """A request from before a stop energises no motor after the report of the stop."""
     ends = seen.safe_states(Reason.STOP, Reason.ESTOP)
     asks = [asked for asked in seen.asked if isinstance(asked.message, Resume | Perform) and asked.who != "policy"]
     asks += [asked for _, asked in seen.setpoints()]  # of a robot that a setpoint energises
@@ -308,8 +316,8 @@ def nothing_takes_effect_after_a_confirmed_stop(seen: Evidence) -> Found:
 
 
 def a_success_is_true(seen: Evidence) -> Found:
-    """A stop that a user reads as a success has let go of the robot; the end of a motion has ended
-    it."""
+    """After a successful stop no motor is energised. After a successful end of a motion that motion
+    has ended."""
     for told in seen.told:
         if not told.success or not seen.energised_at(told.answered_s):
             continue
@@ -358,7 +366,7 @@ INVARIANTS: dict[str, Callable[[Evidence], Found]] = {
 
 
 def violations_of(seen: Evidence) -> tuple[Violation, ...]:
-    """The first of each invariant, in the order of time."""
+    """Return the first violation of each invariant, in the order of time."""
     found = []
     for name, check in INVARIANTS.items():
         first = next(check(seen), None)

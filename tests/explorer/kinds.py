@@ -1,4 +1,7 @@
-"""What can happen in a run, and how often: who asks what, what befalls a process, what a wire does."""
+"""Weights of the events of a run: requests, faults of processes and faults of wires.
+
+A greater number is drawn more often.
+"""
 
 from __future__ import annotations
 
@@ -38,7 +41,7 @@ FAULTS = {
     "no memory": 1,
 }
 EXHAUSTION = ("leak", "no files", "no threads", "no memory")
-"""What a process cannot get any more: it opens, duplicates or starts nothing."""
+"""Faults after which a process cannot open or duplicate a descriptor, or cannot start anything."""
 EXHAUSTED = ("root", "wire", "standby")
 MOMENTS = {
     "caller": ("Resumed", "Lease", "Accepted", "StopReport"),
@@ -46,9 +49,9 @@ MOMENTS = {
     "wire": ("Resume", "Setpoint", "Perform", "Stop"),
     "policy": ("Accepted",),
 }
-"""By process: the messages that begin what a fault may fall into."""
+"""By process: the messages during whose handling a fault may happen."""
 MOST_STEPS = 7
-"""As a power of two."""
+"""Most steps between a message and its fault, as a power of two."""
 BUS = {
     "lose replies": 4,
     "lose requests": 2,
@@ -60,7 +63,7 @@ BUS = {
     "unload": 2,
     "brown out": 1,
 }
-SESSION = {  # of a stream: nothing is lost or doubled, but held up
+SESSION = {  # of a stream: it may delay bytes, but never loses or doubles them
     "pull": 4,
     "hold requests": 2,
     "hold replies": 3,
@@ -86,12 +89,17 @@ BUS_PEER = {"babble": 1, "half frame": 1, "old answers": 2, "unasked": 2}
 STREAM_PEER = {"babble": 1, "half frame": 1, "old answers": 2, "unasked": 2, "flood": 1, "refuse": 2}
 NETWORK_PEER = {"old answers": 2, "unasked": 2, "flood": 1}
 PEER = (*STREAM_PEER,)
-"""What a peer does that is broken or hostile. ``babble``: noise in place of each answer; ``half
-frame``: each answer ends in its middle, and no further one comes; ``old answers``: the one before in
-place of each; ``unasked``: old ones beside the true ones; ``flood``: so many that a reader is busy;
-``refuse``: it resets each connection during its handshake."""
+"""Faults of a broken or hostile peer.
+
+* ``babble``: it sends noise instead of each answer.
+* ``half frame``: an answer ends in its middle, and no further one follows.
+* ``old answers``: it sends the previous answer instead of each answer.
+* ``unasked``: it sends old answers beside the true ones.
+* ``flood``: it sends so many copies that a reader is busy.
+* ``refuse``: it resets each connection during its handshake.
+"""
 PEER_TALKS = tuple(kind for kind in PEER if kind != "refuse")
-"""Those that leave the robot able to hear."""
+"""The faults of a peer with which the robot still receives frames."""
 CONDITIONS = {"low battery": 2}
 SERVICE = {"slow service": 3, "out of reach": 3}
 WIRE_FAULTS: dict[str, dict[str, int]] = {
@@ -105,7 +113,7 @@ WIRE_FAULTS: dict[str, dict[str, int]] = {
     "fake_http": SERVICE,
     "fake_queue": SERVICE,
 }
-"""By robot: what its wire does, and how often."""
+"""By robot: the weights of the faults of its wire."""
 AT_A_POINT = ("unload", "brown out", "reset")
-"""What has no end."""
+"""Faults that happen at one moment and last no time."""
 SHORT_S = (0.002, 0.02, 0.06, 0.15, 0.3, 0.7)

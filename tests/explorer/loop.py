@@ -1,8 +1,8 @@
-"""One process's trio loop, advanced from outside one task step at a time.
+"""Run the trio loop of one simulated process, one task step at a time.
 
-Between any two task steps the process can be killed, frozen or starved: a fault falls at any
-``await``. Which of the runnable tasks is next is drawn; as in trio, each of a batch runs before
-what became runnable meanwhile.
+The process can be killed, frozen or starved between any two task steps, so a fault can happen at any
+``await``. The next runnable task is drawn. As in trio, all tasks of a batch run before the tasks
+that became runnable meanwhile.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ class Readable(Protocol):
     async def readable(self) -> None: ...
 
     def rouse(self) -> None:
-        """Wake whoever waits."""
+        """Wake the waiting tasks."""
 
 
 class LoopClock(trio.abc.Clock):
@@ -48,8 +48,10 @@ class LoopClock(trio.abc.Clock):
 
 
 class _NoIo:
-    """Stands in for epoll: nothing of a simulated process ever waits for a descriptor of this
-    system. A simulated socket says by itself when it is ``readable``."""
+    """Replaces epoll, because no simulated process waits for a real descriptor.
+
+    A simulated socket has its own method ``readable``.
+    """
 
     def process_events(self, events: object) -> None:
         pass
@@ -89,7 +91,7 @@ class _RunQueue:
 
     def __iter__(self) -> Iterator[Any]:
         if not self._batch and self._next:
-            # Trio's sets of tasks have no order of their own: that of birth, then a drawn one.
+            # Trio's sets of tasks are unordered. Sort them by creation, so that only the draw decides.
             self._batch, self._next = sorted(self._next, key=lambda task: task._counter), []
             if len(self._batch) > 1:
                 self._rng.shuffle(self._batch)
@@ -116,11 +118,14 @@ class Loop:
         self._run: Generator[float, Any, None] = unrolled_run(self._runner, main, (), True)
         self._begun = False
         self.result: outcome.Outcome[object] | None = None
-        """Of ``main``, once it has ended."""
+        """The outcome of ``main``; None until it has ended."""
 
     def step(self, before: Callable[[], None]) -> float:
-        """Call ``before`` in the loop, then run one task; return in how many seconds there is more
-        to do, at the latest: 0 for now."""
+        """Call ``before`` in the loop, then run one task.
+
+        Returns:
+            Seconds until the loop must run again, at the latest; 0 if a task is runnable now.
+        """
         context = GLOBAL_RUN_CONTEXT
         context.runner = self._runner
         try:
@@ -136,7 +141,7 @@ class Loop:
             context.__dict__.clear()
 
     def abandon(self) -> None:
-        """Give back this system's descriptors. What the tasks hold stays as it is: who was killed
-        runs no ``finally``."""
+        """Close the real descriptors. The tasks stay suspended, because a killed process runs no
+        ``finally``."""
         if self.result is None:
             self._runner.entry_queue.close()

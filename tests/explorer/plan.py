@@ -1,4 +1,7 @@
-"""What happens in one run, as data: drawn from the seed, and made shorter when it fails."""
+"""Describe the events of one run as data.
+
+A plan is drawn from a seed. When its run fails, the plan is made shorter.
+"""
 
 from __future__ import annotations
 
@@ -25,15 +28,20 @@ from .recipes import groups_of
 BOOT_S = 0.25
 """By then the link is up on a quiet machine, and the caller has energised the robot."""
 ACTIVE_S = 1.5
-"""How long faults and asks are drawn for, from then on."""
+"""Faults and requests are drawn for this time after ``BOOT_S``."""
 
 
 class Event(msgspec.Struct, frozen=True):
-    """``who``: a process or who asks; ``value``: a duration in seconds, or a share; ``motor``: of
-    the bus.
+    """A request or a fault.
 
-    ``after``: a type of message. The event waits until ``who`` next receives one, and then for
-    ``steps`` more steps of its tasks: so it falls between any two awaits of what the message begins."""
+    Attributes:
+        who: The process that is hit, or the sender of the request.
+        value: A duration in seconds, or a share.
+        motor: The motor on the bus.
+        after: A type of message. The event waits until ``who`` next receives a message of this
+            type, and then for ``steps`` more steps of its tasks. So the event can fall between any
+            two awaits of the handling of that message.
+    """
 
     at_s: float
     kind: str
@@ -55,7 +63,11 @@ class Event(msgspec.Struct, frozen=True):
 
 
 class Plan(msgspec.Struct, frozen=True):
-    """``style``: what the caller does by itself: stream, oneshot, task or rest."""
+    """The events of one run.
+
+    Attributes:
+        style: The activity of the caller between events: stream, oneshot, task or rest.
+    """
 
     seed: int
     robot: str
@@ -64,15 +76,16 @@ class Plan(msgspec.Struct, frozen=True):
 
 
 def plan_of(seed: int, robot: str) -> Plan:
-    """Draw a plan. Half of them have one fault or none, since what holds of one is promised
-    sharply."""
+    """Draw a plan. Half of the plans have at most one fault, because the bounds are promised for a
+    single fault."""
     rng = random.Random(f"plan {seed} {robot}")
     events = [_ask(rng) for _ in range(rng.choice((0, 1, 2, 3, 5)))]
     events += [_fault(rng) for _ in range(rng.choice((0, 1, 1, 1, 2)))]
     events += [_of_the_wire(rng, robot) for _ in range(rng.choice((0, 0, 1, 1, 2)))]
     if rng.random() < 0.5:
         events = events[: rng.randrange(3)] + _recipe(rng, robot)
-    elif events and rng.random() < 0.6:  # what is dangerous lies close together
+    # Events that lie close together are the most dangerous.
+    elif events and rng.random() < 0.6:
         at_s = rng.choice(events).at_s
         near = _ask(rng) if rng.random() < 0.6 else _fault(rng)
         events.append(msgspec.structs.replace(near, at_s=round(max(0.0, at_s + rng.gauss(0.012, 0.02)), 5)))
@@ -84,7 +97,7 @@ def _recipe(rng: random.Random, robot: str) -> list[Event]:
     recipe = rng.choice(rng.choice(groups_of(robot)))
     first, second, gap_s = recipe[0], recipe[1], recipe[2]
     at_s = BOOT_S + 0.9 * rng.random()
-    if rng.random() < 0.15:  # while the tree starts and arms for the first time
+    if rng.random() < 0.15:  # while the tree starts and the robot is armed for the first time
         at_s = 0.02 + 1.4 * BOOT_S * rng.random()
     steps = [(first, at_s), (second, at_s := max(0.0, at_s + rng.uniform(*gap_s)))]
     motor = rng.randrange(1, 7)
@@ -105,7 +118,7 @@ def _recipe(rng: random.Random, robot: str) -> list[Event]:
 
 
 def _steps(rng: random.Random) -> int:
-    """Few are likely: what a message begins is mostly short."""
+    """Draw a number of steps. Small numbers are likely, because most messages are handled in few."""
     return round(2 ** rng.uniform(0, MOST_STEPS))
 
 

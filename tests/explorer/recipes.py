@@ -1,4 +1,4 @@
-"""Things that are dangerous beside each other, and how many seconds each comes after the one before."""
+"""List events that are dangerous close together, with the seconds between them."""
 
 from __future__ import annotations
 
@@ -17,7 +17,11 @@ from .kinds import (
 
 
 class Step(NamedTuple):
-    """Part of a recipe; ``value``: between these."""
+    """One event of a recipe.
+
+    Attributes:
+        value: Least and greatest value of the event.
+    """
 
     kind: str
     who: tuple[str, ...]
@@ -30,7 +34,7 @@ Recipe = tuple[Step, Step, tuple[float, float]] | tuple[Step, Step, tuple[float,
 
 
 def _lost(kind: str) -> tuple[Recipe, ...]:
-    """Return recipes of verbs that end a motion on a robot that is not reached any more."""
+    """Return recipes of verbs that end a motion while the robot cannot be reached."""
     lost = Step(kind, ("",), (0.4, 1.6))
     return (
         (lost, Step("kill", ("root",)), (0.0, 0.2), Step("cleanup", (CALLER,)), (0.0, 0.3)),
@@ -42,7 +46,7 @@ def _lost(kind: str) -> tuple[Recipe, ...]:
 
 
 def _hostile(peer: Iterable[str]) -> tuple[Recipe, ...]:
-    """Return recipes of a stop, or of a death, under what a broken peer sends."""
+    """Return recipes of a stop or a death while a broken peer sends."""
     return tuple(
         (Step(kind, ("",), (0.2, 1.5)), then, (0.0, 0.6))
         for kind in peer
@@ -86,8 +90,7 @@ _ARMING: tuple[Recipe, ...] = (
         )
     ),
 )
-"""A stop or a death at every moment of what energises: it may take effect later than it was asked
-for."""
+"""A stop or a death at any moment of a verb that energises, which may take effect late."""
 _EXHAUSTED: tuple[Recipe, ...] = tuple(
     (Step(kind, EXHAUSTED), then, (0.0, 0.5))
     for kind in EXHAUSTION
@@ -97,7 +100,7 @@ _LATE: tuple[Recipe, ...] = (
     (Step("hasty stream", (CALLER,), (0.3, 0.7)), Step("freeze", ("wire",), (0.002, 0.04), "Setpoint"), (0.0, 0.2)),
     (Step("slow mesh", ("",), (0.3, 0.9)), Step("hasty stream", ASKERS, (0.3, 0.7)), (0.0, 0.1)),
 )
-"""Setpoints that become too late on their way."""
+"""Setpoints that expire on their way."""
 _BUS: tuple[Recipe, ...] = (
     (Step("lose replies", ("",)), Step("stop", ASKERS), (0.5, 1.2)),
     (Step("pull", ("",), (0.1, 0.5)), Step("mute", ("",)), (0.0, 0.1)),
@@ -166,7 +169,7 @@ _NETWORK: tuple[Recipe, ...] = (
 
 
 def groups_of(robot: str) -> tuple[tuple[Recipe, ...], ...]:
-    """Return a robot's recipes by what they are about; one group is drawn, then one of its recipes."""
+    """Return the groups of a robot's recipes. First a group is drawn, then one of its recipes."""
     match robot:
         case "so101":
             own, lost, peer = _BUS, "pull", BUS_PEER

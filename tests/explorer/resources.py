@@ -1,4 +1,4 @@
-"""What one simulated process has left of files, memory and threads."""
+"""Count the files, memory and threads that a simulated process can still get."""
 
 from __future__ import annotations
 
@@ -9,11 +9,16 @@ from typing import Any
 from strands_actors.kernel.processes.reserve import Reserve
 
 LEAK, NO_FILES, NO_THREADS, NO_MEMORY = "leak", "no files", "no threads", "no memory"
-"""``leak``: all files are in use, and those that are freed can be opened again."""
+"""After a ``leak`` all descriptors are in use. Those that are closed can be opened again."""
 
 
 class Resources:
-    """Of one process. ``lacks``: one of the kinds above, or empty."""
+    """The resources of one process.
+
+    Attributes:
+        lacks: One of the faults above, or empty.
+        lacked: True once there was such a fault.
+    """
 
     def __init__(self) -> None:
         self.lacks = ""
@@ -27,7 +32,11 @@ class Resources:
         self.freed_files = self.freed_bytes = 0
 
     def open_file(self) -> None:
-        """Raise ``OSError`` when there is none."""
+        """Take a descriptor.
+
+        Raises:
+            OSError: There is none.
+        """
         if self.lacks == LEAK and self.freed_files > 0:
             self.freed_files -= 1
         elif self.lacks in (LEAK, NO_FILES):
@@ -45,6 +54,10 @@ class Resources:
             self.freed_bytes -= size
 
     def start_thread(self) -> None:
-        """Raise ``RuntimeError`` when none can be started."""
+        """Start a thread.
+
+        Raises:
+            RuntimeError: No thread can be started.
+        """
         if self.lacks in (NO_THREADS, NO_MEMORY):
             raise RuntimeError("can't start new thread")

@@ -1,4 +1,4 @@
-"""What a modelled robot is to the explorer: its driver, what was written to it, what can befall it."""
+"""Model a robot for the explorer: its driver, the frames written to it, and its faults."""
 
 from __future__ import annotations
 
@@ -12,51 +12,55 @@ from .plan import Event
 from .world import World
 
 Seam = tuple[Any, str, Any]
-"""Where a name is replaced, the name, and by what."""
+"""An owner, the name of its attribute, and the value that replaces the attribute."""
 Effect = tuple[Callable[[], None], Callable[[], None]]
-"""What happens, and how it is undone."""
+"""A function that applies a fault, and a function that undoes it."""
 
 
 class Frame(NamedTuple):
-    """What the robot was told, and how that left it."""
+    """A frame that the robot received, with the state of the motors before and after it."""
 
     t_s: float
     left_s: float
-    """When who wrote it had written it. A network may keep it for a while."""
+    """When its writer had written it. A network may deliver it later."""
     role: str  # of the process that wrote it
     kind: str  # as the twin's log names it: setpoint, safe, enable
     safe_state: str
     goals: Mapping[int, float]  # of the frame, by motor
     before: Mapping[int, float]  # goals before it
-    lost: Mapping[int, float]  # goals that were written since then and lost
-    positions: Mapping[int, float]  # where the joints truly were
+    lost: Mapping[int, float]  # goals that were written after ``before`` and lost
+    positions: Mapping[int, float]  # true positions of the joints
     energised_before: frozenset[int]
     energised: frozenset[int]
 
 
 class Actions(Protocol):
-    """Draws what a writer asks for; each action can be told from all others on the wire."""
+    """Draws the actions of writers. Each action can be distinguished from all others on the wire."""
 
     def next(self, far: bool) -> dict[str, float]: ...
 
 
 class RobotModel(ABC):
-    """A robot and its wire, in memory. ``frames``: what it heard that asks for more than an answer."""
+    """A robot and its wire, in memory.
+
+    Attributes:
+        frames: The received frames that change something. Frames that only read are left out.
+    """
 
     PORT: ClassVar[str]
     SETTLE_S: ClassVar[float] = 3.5
-    """What is left of a tree whose caller was killed ends by itself within this time: the
-    guardian's longest pause, and an attempt."""
+    """After its caller was killed, the rest of a tree ends by itself within this time: the
+    guardian's longest pause, and one attempt."""
     KEEPS_TORQUE_BY_RESUME: ClassVar[bool]
-    """A motor that lost its torque gets it back by a resume only."""
+    """True if a motor that lost its torque gets it back only by a resume."""
 
     OPTIONS: ClassVar[Mapping[str, Any]] = {}
-    """Of the driver."""
+    """Options of the driver."""
 
     driver: Driver
     driver_class: type[Driver]
     rest: Mapping[int, float]
-    """By motor: what a velocity is told that nobody asks for."""
+    """By motor: the goal of a velocity that an action does not name."""
 
     def __init__(self, world: World, robot: str) -> None:
         self.world = world
@@ -66,7 +70,7 @@ class RobotModel(ABC):
         self.energised_log: list[tuple[float, frozenset[int]]] = [(world.now_s, frozenset())]
 
     def energised_at(self, t_s: float) -> frozenset[int]:
-        """Return the motors that may move then."""
+        """Return the motors that have torque at this time."""
         last: frozenset[int] = frozenset()
         for since_s, motors in self.energised_log:
             if since_s > t_s:
@@ -86,23 +90,23 @@ class RobotModel(ABC):
 
     @abstractmethod
     def told(self, key: str, value: float) -> tuple[int, float]:
-        """Return the motor, and what it is told for ``value`` of an action."""
+        """Return the motor, and the goal that the wire carries for this value of an action."""
 
     @abstractmethod
     def marks(self, key: str) -> bool:
-        """Return whether the axis has a value in each action that no other action has."""
+        """Return whether each action has a unique value for this axis, by which it is recognised."""
 
     @abstractmethod
     def held_between(self, motor: int, frame: Frame) -> tuple[float, float]:
-        """Return between which goals a safe frame may leave a motor."""
+        """Return the lowest and the highest goal that a safe frame may give a motor."""
 
     @abstractmethod
     def seams(self) -> tuple[Seam, ...]:
-        """Return what the driver is given in place of a port."""
+        """Return the replacements that connect the driver to this model instead of a port."""
 
     @abstractmethod
     def effect(self, event: Event) -> Effect | None:
-        """Return what a fault of the wire does; None: it is no fault of this wire."""
+        """Return the effect of a fault; None if this wire does not have the fault."""
 
     @abstractmethod
     def mend(self) -> None:

@@ -1,8 +1,8 @@
-"""Runs many seeds, on all cores, each few in a process of their own.
+"""Run many seeds on all cores, ``CHUNK`` seeds in each child process.
 
-What a simulated process held when it was killed must never be cleaned up: ``finally`` blocks would
-run, which no SIGKILL lets run. So nothing of a run is collected, and the process that ran a few
-ends by ``os._exit``.
+The objects of a simulated process that was killed must never be garbage collected. Their
+``finally`` blocks would run, and after a real SIGKILL no such block runs. So nothing of a run is
+collected, and each child process ends by ``os._exit``.
 """
 
 from __future__ import annotations
@@ -20,13 +20,17 @@ from .plan import Plan, plan_of
 from .run import Run
 
 CHUNK = 20
-"""Seeds a process: 1 MB each."""
+"""Seeds per child process. Each takes 1 MB."""
 
 _kept: list[Run] = []
 
 
 class Result(NamedTuple):
-    """``digest``: of the whole history."""
+    """The result of one run.
+
+    Attributes:
+        digest: Digest of the whole history.
+    """
 
     plan: Plan
     violations: tuple[Violation, ...]
@@ -34,7 +38,7 @@ class Result(NamedTuple):
 
 
 class Crash(Exception):
-    """A process of the search has ended without a result: a defect of the explorer."""
+    """A child process ended without a result. This is a defect of the explorer."""
 
 
 _encode = msgspec.msgpack.Encoder().encode
@@ -42,7 +46,7 @@ _decode = msgspec.msgpack.Decoder(list[Result]).decode
 
 
 def run_here(plan: Plan) -> Run:
-    """Run it in this process, which keeps what is left of it."""
+    """Run a plan in this process, and keep the run so that it is never collected."""
     run = Run(plan)
     _kept.append(run)
     run.go()
@@ -50,8 +54,7 @@ def run_here(plan: Plan) -> Run:
 
 
 def run_apart(plans: Iterable[Plan], jobs: int = 1) -> Iterator[Result]:
-    """Run them in processes forked from this one, ``jobs`` at a time; yield results as they
-    come."""
+    """Run plans in child processes, ``jobs`` at a time, and yield the results as they arrive."""
     chunks = _chunks(plans)
     with selectors.DefaultSelector() as waiting:
         for chunk in chunks:
@@ -86,7 +89,8 @@ def _begin(chunk: list[Plan], waiting: selectors.BaseSelector) -> None:
         code = 1
         try:
             gc.disable()
-            os.nice(10)  # a search takes every core for hours: what else runs here comes first
+            # A search uses every core for hours. Other programs of this computer take precedence.
+            os.nice(10)
             results = [Result(plan, run.violations, run.digest()) for plan in chunk for run in (run_here(plan),)]
             with os.fdopen(writer, "wb", closefd=False) as pipe:
                 pipe.write(_encode(results))
@@ -98,7 +102,7 @@ def _begin(chunk: list[Plan], waiting: selectors.BaseSelector) -> None:
 
 
 def _finish_one(waiting: selectors.BaseSelector) -> list[Result]:
-    """Wait until one process has ended; what it found."""
+    """Wait until one child process has ended, and return its results."""
     while True:
         for key, _ in waiting.select():
             reader, (pid, chunk, data) = key.fd, key.data

@@ -1,8 +1,8 @@
-"""Robots behind a service, of the kinds that a position arm on a private bus is not: a base that
-rolls on as it was told, a drone that lands, an arm whose every answer takes 300 ms.
+"""Model robots behind a service, which differ from a position arm on a private bus.
 
-The drivers are those of ``fake_kinds``, with their wires and stop channels as they are; in place of
-their robot stands one that notes what energises it, and whose service can be slow or out of reach.
+They are a base that keeps its last velocity, a drone that lands, and an arm whose every answer takes
+300 ms. The drivers, wires and stop channels are those of ``fake_kinds``. Their robot is replaced by
+one that records when it is energised, and whose service can be slow or out of reach.
 """
 
 from __future__ import annotations
@@ -29,8 +29,11 @@ ALL = frozenset({1})
 
 
 class SpreadActions:
-    """Gives the first axis a value that no other action has, spread over its range; the others
-    sweep slowly."""
+    """Draws actions.
+
+    The first axis gets a value that is unique to each action and spread over its range. If the
+    caller asks for ``far``, the other velocity axes get random values.
+    """
 
     def __init__(self, driver: Driver, rng: random.Random) -> None:
         self._axes = driver.table
@@ -42,7 +45,7 @@ class SpreadActions:
         first, *others = self._axes
         size = (first.high - first.low) / 2
         quick = first.mode is AxisMode.VELOCITY
-        # a position must not leap further than its gate lets it
+        # The gate refuses a position that leaps too far.
         share = (GOLDEN * self._given) % 1.0 if quick else 0.5 + 0.00002 * self._given
         action = {first.key: first.low + size * (0.1 + 1.8 * share)}
         if far:
@@ -51,7 +54,7 @@ class SpreadActions:
 
 
 class NotingPeer(Peer):
-    """What it is told arrives at once; what it answers takes as long as its service is slow."""
+    """Records the frames that it receives. Requests arrive at once; a slow service delays the answers."""
 
     def __init__(self, model: ServiceRobot, answer_s: float, height_m: float) -> None:
         self._model = model
@@ -81,7 +84,7 @@ class NotingPeer(Peer):
         self._model.note(kind, safe_state, before, energised)
 
     def _leaves(self, kind: str, safe_state: str) -> frozenset[int]:
-        """Return what a frame leaves energised."""
+        """Return the motors that are energised after a frame."""
         if kind == "setpoint":
             return ALL
         lands = safe_state == SafeState.LAND and self.height_m > 0
@@ -90,7 +93,7 @@ class NotingPeer(Peer):
         return self._model.energised_log[-1][1] if lands or safe_state == SafeState.HOLD else frozenset()
 
     def _land(self) -> None:
-        """Its own controller brings it down, whoever of its users still lives."""
+        """Land by the drone's own controller, whether or not a client is still alive."""
         self.height_m = 0.0
         self.motors_on = False
 
@@ -121,8 +124,12 @@ class ServiceRobot(RobotModel):
         role: str = "",
         left_s: float = 0.0,
     ) -> None:
-        """Log a frame that the robot took. ``role``, ``left_s``: of who had sent it and when, if that
-        is not now."""
+        """Log a frame that the robot received.
+
+        Args:
+            role: The process that sent it; empty for the present process.
+            left_s: When it was sent; 0 for now.
+        """
         now_s, was = self.world.now_s, self.energised_log[-1][1]
         role, left_s = role or self.world.current.role, left_s or now_s
         goals, earlier = _numbered(self.peer.told), _numbered(before)
@@ -142,7 +149,7 @@ class ServiceRobot(RobotModel):
         return self._motors[key] == 1
 
     def held_between(self, motor: int, frame: Frame) -> tuple[float, float]:
-        """A velocity ends; a position stays what it was."""
+        """A velocity goes to its rest. A position keeps its goal."""
         axis = self.driver.table[motor - 1]
         stays = axis.rest if axis.mode is AxisMode.VELOCITY else frame.before[motor]
         return stays, stays
@@ -171,7 +178,7 @@ class Base(ServiceRobot):
 
 
 class Drone(ServiceRobot):
-    """In the air from the beginning."""
+    """A drone that flies from the beginning of the run."""
 
     DRIVER = FakeDrone
     HEIGHT_M = 1.0

@@ -1,4 +1,4 @@
-"""A run, step by step, for people."""
+"""Print the plan and the history of a run as tables."""
 
 from __future__ import annotations
 
@@ -30,11 +30,16 @@ def plan_table(plan: Plan, title: str) -> Table:
 
 
 def history_table(rows: Iterable[Row], violations: Iterable[Violation], full: bool) -> Table:
-    """``full``: with what says little: who hosts what, beats, questions for the status."""
+    """Return the history of a run as a table.
+
+    Args:
+        full: Also show hosted addresses, heartbeats and requests for the status.
+    """
     table = Table(title="history", title_justify="left")
     for name, width in (("at", 7), ("who", 15), ("does", 10)):
         table.add_column(name, no_wrap=True, overflow="ellipsis", width=width)
-    table.add_column("what")  # the one that gives way: none of the others may vanish on a narrow screen
+    # Only this column shrinks, so that no other one vanishes on a narrow screen.
+    table.add_column("what")
     broken = sorted(violations, key=lambda violation: violation.t_s)
     for row in rows:
         while broken and broken[0].t_s < row.t_s:

@@ -1,8 +1,9 @@
-"""TCP between the processes of a tree and one controller, in memory: streams in order, each way held
-up for as long as it is cut, ended by a reset.
+"""Simulate TCP between the processes of a tree and one controller, in memory.
 
-What a process has written when it is killed, and the cable has not taken, is gone; what the
-controller's system has taken is read by the controller, before or after the end that follows it.
+Streams keep their order. A direction that is cut delays its data until it is mended. A reset ends a
+stream. When a process is killed, the data that it has written and that the cable has not carried
+yet is lost. The controller still reads the data that its system has received, before or after the
+end of the stream.
 """
 
 from __future__ import annotations
@@ -24,14 +25,18 @@ from .robot_model import Effect, nothing, put
 from .world import Process, World
 
 CONNECT_S = 0.5
-"""As long as ``open_tcp`` waits."""
+"""The timeout of ``open_tcp``."""
 LATE_S = 0.06
 AGAIN_S = 0.2
-"""Until what was held up is sent again, at most, once the way is free [assumed]."""
+"""Longest time from mending a direction until its delayed data is sent again [assumed]."""
 
 
 class Piece(NamedTuple):
-    """What one ``write`` hands over. ``left_s``: when."""
+    """The data of one ``write``.
+
+    Attributes:
+        left_s: When it was written.
+    """
 
     left_s: float
     role: str  # of the process
@@ -47,12 +52,12 @@ class Hearer(Protocol):
 
 
 class TcpNetwork:
-    """One controller's network. Its public attributes are what is wrong with it."""
+    """The network of one controller. Its public attributes are its faults."""
 
     def __init__(self, world: World, accept: Callable[[SimStream], Hearer]) -> None:
         self.world = world
-        self.streams: list[SimStream] = []  # that the controller knows
-        self.stalled = False  # the controller neither reads nor says anything
+        self.streams: list[SimStream] = []  # open at the controller
+        self.stalled = False  # the controller neither reads nor sends
         self.late_s = 0.0
         self.mute = False
         self.peer = HostilePeer(world.rng("peer"))
@@ -61,7 +66,7 @@ class TcpNetwork:
         self._rng = world.rng("network")
 
     async def open(self, host: str, port: int) -> SimStream:
-        """As ``open_tcp``."""
+        """Connect, as ``open_tcp`` does."""
         process, name = self.world.current, f"{host}:{port}"
         open_file(process, name)
         await trio.sleep(self._way_s())
@@ -87,7 +92,7 @@ class TcpNetwork:
         return self._cut[way]
 
     def cut(self, *ways: str) -> None:
-        """``out``: from us; ``in``: to us."""
+        """Cut directions: ``out`` is to the controller, ``in`` is from it."""
         for way in ways:
             self._cut[way] = True
 
@@ -99,7 +104,7 @@ class TcpNetwork:
                     stream.flush(way, AGAIN_S * self._rng.random())
 
     def go_on(self) -> None:
-        """After a stall: take up what waits, connection by connection, in any order."""
+        """End a stall. The controller reads the waiting data of each connection, in a drawn order."""
         if self.stalled:
             self.stalled = False
             waiting = list(self.streams)
@@ -113,7 +118,7 @@ class TcpNetwork:
             stream.end_by_robot()
 
     def effect(self, event: Event) -> Effect | None:
-        """Return what a fault of a network or of its peer does."""
+        """Return the effect of a fault of the network or its peer; None if it has no such fault."""
         match event.kind:
             case "pull":
                 return lambda: self.cut("out", "in"), lambda: self.mend("out", "in")
@@ -146,13 +151,13 @@ class TcpNetwork:
         return 50e-6 + 150e-6 * self._rng.random()
 
     def due_s(self, last_s: float, more_s: float = 0.0) -> float:
-        """Return when what is sent now arrives: not before what was sent before it."""
+        """Return when data that is sent now arrives. It never overtakes earlier data."""
         late_s = self.late_s * self._rng.random() if self.late_s else 0.0
         return max(last_s, self.world.now_s + self._way_s() + late_s + more_s)
 
 
 class SimStream:
-    """Takes the place of a ``TcpPort``; for the controller it is the connection to that client."""
+    """A connection. It replaces a ``TcpPort``, and the controller uses it as its side."""
 
     def __init__(self, network: TcpNetwork, process: Process, name: str, port: int) -> None:
         self.network = network
@@ -160,14 +165,14 @@ class SimStream:
         self.name = name
         self.port = port
         self.left = network.peer.heard_before_reset()
-        """Pieces that the controller still takes before it resets it; None: it does not."""
+        """Pieces that the controller reads before it resets the connection; None if it never does."""
         self.hearer: Hearer
         self._answers = network.peer.stream()
         self._closed = False
-        self._gone = False  # the controller has ended it, and we were told
+        self._gone = False  # the controller has ended it, and its end has arrived
         self._unsent: deque[Piece | None] = deque()  # None: the end
-        self._untaken: deque[Piece | None] = deque()  # by a controller that stalls
-        self._unheard: deque[bytes | None] = deque()  # on the way to us
+        self._untaken: deque[Piece | None] = deque()  # held while the controller stalls
+        self._unheard: deque[bytes | None] = deque()  # held while ``in`` is cut
         self._coming: list[tuple[float, int, bytes]] = []
         self._number = 0
         self._arrives_s = self._comes_s = 0.0
@@ -175,10 +180,14 @@ class SimStream:
         self._waits = False
         process.at_end.append(self._die)
 
-    # -- ours
+    # -- the side of the process
 
     def write(self, data: bytes, late_s: float = 0.0) -> None:
-        """``late_s``: for which the system of either side keeps it."""
+        """Write data.
+
+        Args:
+            late_s: Time for which the system of either side delays the data.
+        """
         if self.process.dead:
             return
         self._check()
@@ -209,7 +218,7 @@ class SimStream:
         return None
 
     def close(self) -> None:
-        """With a reset: what has not left is thrown away."""
+        """Close with a reset. Data that was not sent yet is discarded."""
         if not self._closed and not self.process.dead:
             self._unsent.clear()
             self._end()
@@ -232,7 +241,7 @@ class SimStream:
             self.network.forget(self)
         elif not self.network.is_cut("out") or self._unsent:
             self._put(None)
-        # else its end is lost with the cable: the controller keeps half of a connection
+        # Otherwise the cable is cut and the end is lost. The controller keeps a half-open connection.
 
     def _check(self) -> None:
         if self._closed or self._gone:
@@ -243,7 +252,7 @@ class SimStream:
         if self._waits and not self.process.dead:
             self.process.post(self._news.set)
 
-    # -- on the way
+    # -- the cable
 
     def _put(self, piece: Piece | None, more_s: float = 0.0) -> None:
         if self.network.is_cut("out"):
@@ -253,7 +262,7 @@ class SimStream:
         self.network.world.at(self._arrives_s, lambda: self._arrive(piece))
 
     def flush(self, way: str, pause_s: float) -> None:
-        """The way is free again."""
+        """Send the delayed data of a direction that was mended."""
         if way == "out":
             unsent, self._unsent = self._unsent, deque()
             for piece in unsent:
@@ -276,7 +285,7 @@ class SimStream:
 
     def _take(self, piece: Piece | None) -> None:
         if self not in self.network.streams:
-            self.end_by_robot()  # it knows of no such connection
+            self.end_by_robot()  # The controller has no such connection.
         elif piece is None:
             self.network.forget(self)
         else:
@@ -286,7 +295,7 @@ class SimStream:
                 if self.left <= 0:
                     self.end_by_robot()
 
-    # -- the controller's
+    # -- the side of the controller
 
     def send(self, data: bytes) -> None:
         if not self.network.mute:
@@ -303,7 +312,7 @@ class SimStream:
             return
         network = self.network
         if network.is_cut("in"):
-            if data is not None:  # a reset is said once
+            if data is not None:  # A reset is sent once only.
                 self._unheard.append(data)
             return
         self._comes_s = network.due_s(self._comes_s, more_s)

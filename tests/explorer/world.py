@@ -1,5 +1,4 @@
-"""A world of simulated processes: one clock, one list of what happens when, all drawn from one
-seed."""
+"""Simulate processes with one clock and one queue of events, all drawn from one seed."""
 
 from __future__ import annotations
 
@@ -15,29 +14,33 @@ from .loop import Loop
 from .resources import Resources
 
 BEGIN_S = 1000.0
-"""A clock that begins at 0 would let "never" pass for "now"."""
+"""Not 0, so that a time of 0 ("never") is not mistaken for the present."""
 
 STEP_S = 30e-6
-"""A task step computes for this long at most [assumed]; a third of it is the mean."""
+"""Longest time that a task step computes [assumed]. The mean is a third of it."""
 
 TREE = frozenset({"caller", "root", "wire", "policy", "standby"})
 
 DYING_S = 0.03
-"""From SIGKILL until the system tells of the end, at most: seen on a busy machine."""
+"""Longest time from SIGKILL until the system reports the end, seen on a busy machine."""
 
 WAKE_S = 150e-6
-"""From a message or timer to the first step of who waited for it, at most, on a quiet machine
+"""Longest time from a message or timer to the first step of the waiting task, on a quiet machine
 [assumed]."""
 
 
 class Row(NamedTuple):
-    """One line of a run's history. ``who``: a process, the wire, the plan."""
+    """One line of a run's history.
+
+    Attributes:
+        who: A process, the wire or the plan.
+    """
 
     t_s: float
     who: str
     what: str
     detail: str | bytes
-    """Bytes: a frame between nodes, as it travels."""
+    """Bytes are a frame between nodes, in its encoded form."""
 
 
 class Exited(BaseException):
@@ -45,8 +48,11 @@ class Exited(BaseException):
 
 
 class World:
-    """``rng(name)``: a stream of its own for each use, so that one more draw in one place changes
-    no other."""
+    """The simulated computer.
+
+    ``rng(name)`` gives each use its own random stream, so that an additional draw in one place
+    does not change the others.
+    """
 
     def __init__(self, seed: int) -> None:
         self.seed = seed
@@ -64,9 +70,10 @@ class World:
         self.enter: Callable[[Process], None] = lambda process: None
         """Called before a process runs."""
         self.over = False
-        self.restarts = 0  # how often the script is to be started again
+        self.restarts = 0  # how many more times the script will be started
         self.befell: list[tuple[float, Any]] = []
-        """What of the plan has happened, and when: the moment of some is known in the run only."""
+        """The events of the plan that have happened, with their times. Some times are known only during
+        the run."""
 
     def rng(self, name: str) -> random.Random:
         if name not in self._streams:
@@ -97,14 +104,14 @@ class World:
         return process
 
     def find(self, role: str) -> Process | None:
-        """Return the newest process of that role that lives."""
+        """Return the newest living process of a role."""
         return next((each for each in reversed(self.processes) if each.role == role and not each.dead), None)
 
     def by_pid(self, pid: int) -> Process | None:
         return next((each for each in self.processes if each.pid == pid), None)
 
     def look_for_end(self) -> None:
-        """Without a process of the tree, and nobody to start one, nothing happens any more."""
+        """End the run if no process of the tree lives and no script will be started again."""
         if not self.restarts and not any(process.role in TREE and not process.dead for process in self.processes):
             self.over = True
 
@@ -115,8 +122,7 @@ class World:
         return self.running
 
     def close(self) -> None:
-        """Give back this system's descriptors. The loops themselves are kept by whoever keeps the
-        world."""
+        """Close the real descriptors. The loops live as long as the world."""
         self.over = True
         for process in self.processes:
             process.left_over = not process.dead
@@ -129,8 +135,10 @@ class World:
 
 
 class Process:
-    """A process of the tree. What it does to the world goes through objects that ask whether it is
-    ``dead``."""
+    """A process of the tree.
+
+    It changes the world only through objects that check first whether it is ``dead``.
+    """
 
     def __init__(
         self,
@@ -145,11 +153,11 @@ class Process:
         self.role = role
         self.parent = parent
         self.dead = False
-        """It runs no code any more."""
+        """True once it runs no more code."""
         self.by_plan = False
-        """What happened to it was drawn, and no act of the tree."""
+        """True if the plan ended it, and not the tree."""
         self.gone = False
-        """The system tells so, and has closed what it had open."""
+        """True once the system reports its end and has closed its descriptors."""
         self.frozen = False
         self.lag_s = 0.0
         self.resources = Resources()
@@ -158,15 +166,17 @@ class Process:
         self.until_s = float("inf")
         self.frozen_times: list[tuple[float, float]] = []
         self.left_over = False
-        """It lived when the world ended."""
+        """True if it lived when the run ended."""
         self.at_end: list[Callable[[], None]] = []
-        """Called at the death, in this order: what the kernel does for it."""
+        """Called at its death, in this order. They stand for the work of the operating system."""
         self._rng = world.rng(f"processor of {role} {sum(each.role == role for each in world.processes)}")
         self._inbox: list[Callable[[], None]] = []
         self._due_s = float("inf")
         self._behind = False  # a step was due while it was frozen
-        self._moments: list[tuple[str, int, Callable[[], None]]] = []  # that wait for a message
-        self._countdowns: list[tuple[int, Callable[[], None]]] = []  # steps of its own that are left
+        self._moments: list[tuple[str, int, Callable[[], None]]] = []  # events that wait for a message
+        self._countdowns: list[
+            tuple[int, Callable[[], None]]
+        ] = []  # events with the steps that are left until they happen
 
         async def body() -> None:
             await main(self)
@@ -174,7 +184,7 @@ class Process:
         self.loop = Loop(world, body, self._rng)
 
     def wake(self) -> None:
-        """Let it run soon: there is something for it."""
+        """Let it run soon, because there is work for it."""
         self._schedule(self.world.now_s + self._late_s(WAKE_S))
 
     def post(self, do: Callable[[], None]) -> None:
@@ -184,12 +194,11 @@ class Process:
             self.wake()
 
     def at_moment(self, message: str, steps: int, do: Callable[[], None]) -> None:
-        """Call ``do`` when the next message of that type has come and ``steps`` of its own tasks'
-        steps have passed since."""
+        """Call ``do`` when its tasks have made ``steps`` steps after the next message of this type."""
         self._moments.append((message, steps, do))
 
     def hears(self, data: bytes) -> None:
-        """A frame has come for it."""
+        """Note a received frame. Events that wait for its type begin to count steps."""
         if not self._moments:
             return
         kind = type_name(data)
@@ -212,7 +221,7 @@ class Process:
             self._go()
 
     def _dying_s(self) -> float:
-        """A process that was killed needs a processor to end on."""
+        """Draw how long a killed process takes to end, since it needs a processor for that."""
         return 0.002 * self._rng.random() if self._rng.random() < 0.8 else DYING_S * self._rng.random()
 
     def _go(self) -> None:
@@ -234,7 +243,7 @@ class Process:
                 self.wake()
 
     def exit(self, code: int) -> None:
-        """What ``os._exit`` is here."""
+        """Replace ``os._exit`` in a simulated process."""
         self.kill(code)
         raise Exited
 
@@ -286,7 +295,7 @@ class Process:
             do()
 
     def _ended(self) -> None:
-        """``main`` has returned or failed: as ``child.main`` would end it."""
+        """End the process after ``main`` has returned or failed, as ``child.main`` would."""
         result: Any = self.loop.result
         error = getattr(result, "error", None)
         if error is not None:

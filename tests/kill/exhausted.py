@@ -1,5 +1,7 @@
-"""Take a resource away from one process of a robot that moves, from outside, and see what the wire
-shows when other processes are killed then."""
+"""Exhaust a resource of one process while the robot moves, then kill others, and read the wire log.
+
+The resource is taken away from outside the process.
+"""
 
 from __future__ import annotations
 
@@ -38,14 +40,14 @@ from strands_actors.testing.cells import (
 from .full_table import sitecustomize as full_table
 
 TAKES_EFFECT_S = 0.15
-"""Between the exhaustion and the kill: a process that cannot live with it has ended by then."""
+"""Time between the exhaustion and the kill. A process that must end for it has ended by then."""
 SETTLE_S = 0.4
 GONE_S = 1.0
-"""A standby that ends for what it lacks has ended by then."""
+"""A standby that ends because it is exhausted has ended by then."""
 REPLACED_S = 20.0
-"""For another standby, on a busy machine."""
+"""Timeout for the next standby, on a busy machine."""
 READY_S = 4.0
-"""For that one to have its stop channel."""
+"""Time until the next standby has its stop channel."""
 GROUPS = Path("/sys/fs/cgroup")
 _GROUP = f"strands-tests-{secrets.token_hex(4)}"  # the pid of another container may be the same
 
@@ -58,15 +60,15 @@ class Roles(enum.StrEnum):
 
 
 class Lacks(enum.StrEnum):
-    """What a process has no more."""
+    """The exhausted resource."""
 
-    LEAK = "free files"  # something took all that were free; what the process holds in reserve is its own
-    FILES = "files"  # a limit of 0: what is freed cannot be opened again either
+    LEAK = "free files"  # all free descriptors are taken; the reserve of the process is not
+    FILES = "files"  # a limit of 0, so that a closed descriptor cannot be reused either
     TABLE = "system files"  # the whole system's table of open files is full
     MEMORY = "memory"  # of address space
-    THREADS = "threads"  # nor processes
+    THREADS = "threads"  # and processes
     DISK = "disk"  # no file may grow
-    CPU = "cpu"  # the signal for it
+    CPU = "cpu"  # its signal, SIGXCPU
     GROUP_MEMORY = "cgroup memory"
     GROUP_CPU = "cgroup cpu"
 
@@ -77,7 +79,7 @@ KILLED = {
     Roles.STANDBY: (Roles.ROOT, Roles.WIRE),
     Roles.EVERY: (Roles.WIRE,),
 }
-"""Who is killed then, so that the exhausted one should act."""
+"""By exhausted role: the roles that are killed then, so that the exhausted process should act."""
 
 
 @dataclass(frozen=True)
@@ -101,7 +103,7 @@ def take(lacks: Lacks, pid: int) -> None:
         case Lacks.MEMORY:
             pages = int(Path(f"/proc/{pid}/statm").read_text().split()[0])
             _limit(pid, resource.RLIMIT_AS, pages * resource.getpagesize())
-        case Lacks.THREADS if os.geteuid() == 0:  # whom RLIMIT_NPROC does not bind
+        case Lacks.THREADS if os.geteuid() == 0:  # RLIMIT_NPROC does not bind root
             _join("pids", pid, {"pids.max": 1})
         case Lacks.THREADS:
             _limit(pid, resource.RLIMIT_NPROC, 0)
@@ -112,7 +114,7 @@ def take(lacks: Lacks, pid: int) -> None:
         case Lacks.GROUP_MEMORY:
             _join("memory", pid, {"memory.limit_in_bytes": 1 << 16})
         case Lacks.GROUP_CPU:
-            # 1 ms a second, for those that run first as well.
+            # 1 ms of each second, for real-time processes too.
             ordinary = {"cpu.cfs_period_us": 1_000_000, "cpu.cfs_quota_us": 1_000}
             _join("cpu", pid, {**ordinary, "cpu.rt_period_us": 1_000_000, "cpu.rt_runtime_us": 1_000})
 
@@ -123,7 +125,7 @@ def _limit(pid: int, limit: int, value: int) -> None:
 
 
 def _join(controller: str, pid: int, settings: dict[str, int]) -> None:
-    """Put a process into a control group (version 1) of its own, with these settings."""
+    """Put a process into a new control group (version 1) with these settings."""
     group = GROUPS / controller / f"{_GROUP}-{pid}"
     group.mkdir()
     for name, value in settings.items():
@@ -134,13 +136,13 @@ def _join(controller: str, pid: int, settings: dict[str, int]) -> None:
 def leave_groups() -> None:
     """Remove the control groups whose processes have ended."""
     for group in GROUPS.glob(f"*/{_GROUP}-*"):
-        with contextlib.suppress(OSError):  # one that still ends
+        with contextlib.suppress(OSError):  # its process is still ending
             group.rmdir()
 
 
 @contextlib.contextmanager
 def can_lack_table() -> Iterator[None]:
-    """Let a bench that is begun here have processes which ``Lacks.TABLE`` can be put on."""
+    """Make ``Lacks.TABLE`` possible for the processes of a bench that starts in this context."""
     folder = str(Path(full_table.__file__).parent)
     sys.path.insert(0, folder)
     try:
@@ -156,7 +158,11 @@ def can_group(controller: str) -> bool:
 
 
 def processes(caller: Caller, role: Roles) -> list[int]:
-    """Return the processes of a role. Raise ``NotMoving`` when there is none."""
+    """Return the processes of a role.
+
+    Raises:
+        NotMoving: There is no such process.
+    """
     if role is Roles.EVERY:
         return [caller.pid(each) for each in (Roles.ROOT, Roles.WIRE, Roles.STANDBY)]
     return [caller.pid(role)]
@@ -172,9 +178,11 @@ def motion_of(driver: Driver) -> str:
 
 
 def bound_s_of(driver: Driver, lacks: Lacks) -> float:
-    """Return the bound: two processes act one after the other, each in its own time. One that gets no
-    processor is noticed by its silence, and needs a processor to end when it is killed: that is waited
-    for."""
+    """Return the bound: two processes act one after the other, each within its own bound.
+
+    A process without a processor is detected by its silence. It also needs a processor to end when
+    it is killed, and the next process waits for that end.
+    """
     usual_s = 2 * driver.bound_s
     if lacks is not Lacks.GROUP_CPU:
         return usual_s
@@ -197,7 +205,7 @@ async def _exhaust(bench: Bench, caller: Caller, row: Row, settle_s: float) -> O
     killed = [pid for role in KILLED[row.role] for pid in processes(caller, role)]
     queue = bench.queue(caller)
     exhausted_ns = monotonic_ns()
-    if row.lacks is Lacks.LEAK:  # from outside nobody can open a file in another process
+    if row.lacks is Lacks.LEAK:  # No process can open a file in another one.
         await ask_to_break(caller, row.role, "leak")
     else:
         for pid in processes(caller, row.role):
@@ -224,7 +232,7 @@ async def _exhaust(bench: Bench, caller: Caller, row: Row, settle_s: float) -> O
 
 
 async def _replaced(caller: Caller) -> None:
-    """Wait for the next standby, if the exhausted one ends for what it lacks."""
+    """Wait for the next standby, if the exhausted one ends."""
     before, root = caller.pid(Roles.STANDBY), caller.pid(Roles.ROOT)
     gone = False
     with trio.move_on_after(GONE_S):

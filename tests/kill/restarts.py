@@ -1,6 +1,8 @@
-"""``python -m tests.kill.restarts N``: the actors of root and wire in one process, in virtual time.
-A policy is started and ends, N times, and before that a tenth as often. Prints the process's own
-memory before and after (kB).
+"""Measure the memory that restarts of a policy take: ``python -m tests.kill.restarts N``.
+
+The actors of root and wire run in one process, in virtual time. A policy starts and ends N / 10
+times, and then N times. After each of the two series the program prints the private memory of the
+process (kB).
 """
 
 from __future__ import annotations
@@ -24,13 +26,13 @@ from strands_actors.testing import open_inline_tree, run_virtual
 
 
 def private_kb(pid: int) -> int:
-    """What the process has for itself; what it shares with others is no growth of its own."""
+    """Return the private memory of a process (kB). Shared memory is not counted as its growth."""
     lines = Path(f"/proc/{pid}/smaps_rollup").read_text().splitlines()
     return sum(int(line.split()[1]) for line in lines if line.startswith("Private_"))
 
 
 class Ended(ChildProcess):
-    """A policy process that has ended as soon as it was started."""
+    """A policy process that ends as soon as it is started."""
 
     def __init__(self, number: int) -> None:
         self.pid = number

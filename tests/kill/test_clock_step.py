@@ -1,10 +1,9 @@
-"""The wall's clock is set by an hour while a robot moves, for every process of its tree and for the
-caller.
+"""The wall clock is set by an hour while a robot moves, in the caller and all processes of its tree.
 
-``time.time`` and ``time.time_ns`` are replaced in each of them: to set the machine's own clock is
-not for a test. (``test_no_part_of_the_tree_reads_the_wall_clock`` finds who else would read it.)
-The kernel's stamps on what a robot on legs sends keep the old time here, which is harder than a
-clock that is really set.
+``time.time`` and ``time.time_ns`` are replaced in each process, because a test must not set the
+machine's clock. (``test_no_part_of_the_tree_reads_the_wall_clock`` finds other readers of it.) The
+kernel's timestamps of datagrams from legged robots keep the old time here. This is harder than a
+real change of the clock.
 """
 
 from __future__ import annotations
@@ -44,8 +43,10 @@ Start = Callable[..., tuple[RealRobot, Twin]]
 
 @pytest.fixture
 def set_clock(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[[int], list[int]]:
-    """Set the wall's clock of this process, and of those it starts, by so many seconds. Returns who
-    has this clock: what was started by exec; forks of it have it too."""
+    """Return a function that sets the wall clock of this process and its children by some seconds.
+
+    It returns the pids that were started by exec with this clock. Their forks have it, too.
+    """
     execute_what_is_started_here(monkeypatch)
     at = tmp_path / "by_s"
     at.write_text("0")
@@ -70,8 +71,8 @@ def set_clock(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[[int]
 def test_saf_001_a_clock_that_is_set_by_an_hour_stops_nothing(
     strands_robot: Start, set_clock: Callable[[int], list[int]], step_s: int
 ) -> None:
-    """A single command of an arm stands as long as its caller's lease, and is repeated on the
-    wire."""
+    """A single command of an arm stays in force as long as its caller's lease. The wire process repeats
+    it."""
     arm, twin = strands_robot("so101")
     began_ns = time.monotonic_ns()
     assert arm.send_action({"shoulder_pan": 5.0})["status"] == "success"
@@ -96,7 +97,7 @@ def test_saf_012_a_clock_that_is_set_by_an_hour_makes_no_state_of_a_g1_stale(
     began_ns = time.monotonic_ns()
     assert started_by_exec(robot) <= {*set_clock(step_s)}
     for _ in range(3):
-        assert robot.resume()["status"] == "success"  # each command stands for 100 ms
+        assert robot.resume()["status"] == "success"  # each command expires after 100 ms
         answer = robot.send_action({"left_knee": robot.get_observation()["left_knee"]})
         assert answer["status"] == "success", answer
         until(lambda: robot.get_status()["content"][0]["json"]["state"] == "disarmed", "it has expired")
@@ -116,7 +117,7 @@ def test_saf_024_whoever_stops_the_robot_does_so_after_the_clock_was_set(
     step_s: int,
     robot: str,
 ) -> None:
-    """The standby, the root, the wire, and the stop processes of a Spot."""
+    """The robot is stopped by the standby, the root, the wire process, or the stop processes of a Spot."""
     arm, twin = strands_robot(robot)
     name, here = next(iter(arm.get_observation().items()))
     if arm.driver.BEFORE_MOTION:
@@ -140,7 +141,7 @@ def started_by_exec(robot: RealRobot) -> set[int]:
 
 
 def setpoints_go_on(twin: Twin, since_ns: int) -> int:
-    """When twenty have been seen after ``since_ns``."""
+    """Wait for twenty setpoints after ``since_ns``, and return the time."""
     until_s = time.monotonic() + PATIENCE_S
     while sum(entry.t_ns > since_ns for entry in twin.log.host("setpoint")) < 20:
         assert time.monotonic() < until_s, "it does not move"

@@ -1,5 +1,7 @@
-"""SAF-018: a tree that ends obeys nobody any more and leaves nothing energised. Real processes, the
-wire's log."""
+"""SAF-018: a tree that ends accepts no more requests and leaves no motor energised.
+
+Processes are real, and the wire log shows the result.
+"""
 
 from __future__ import annotations
 
@@ -29,12 +31,12 @@ from tests.answers import until
 Start = Callable[..., tuple[RealRobot, Twin]]
 
 DELAYS_S = (0.0, 0.004, 0.008, 0.012, 0.016)
-"""From the first limp frame of the end to a resume: where most of them were obeyed."""
+"""Times from the first limp frame of the end to a resume. At these times most resumes were once
+accepted."""
 
 
 class Operator(threading.Thread):
-    """Presses resume so long after the first safe frame since ``since_ns``, past everybody but the
-    gate."""
+    """Sends a resume directly to the gate, ``delay_s`` after the first safe frame since ``since_ns``."""
 
     def __init__(self, run_dir: Path, robot: str, log: WireLog, delay_s: float) -> None:
         super().__init__()
@@ -78,7 +80,8 @@ class Operator(threading.Thread):
 def nothing_is_energised(log: WireLog, since_ns: int) -> None:
     safe = log.first_safe(since_ns)
     assert safe is not None and safe.safe_state == "limp"
-    time.sleep(0.5)  # what must not happen has no event to wait for
+    # The absence of a frame has no event to wait for.
+    time.sleep(0.5)
     log.no_setpoint_after_safe(since_ns)
     log.silent_after(safe.t_ns + 1, "enable")
 
@@ -120,7 +123,7 @@ def test_saf_018_a_resume_at_the_death_of_the_caller_energises_nothing(
 
 
 def test_saf_018_a_root_stays_for_a_motor_that_is_not_confirmed(bench: tuple[Bench, Caller]) -> None:
-    """Its caller is dead. Its note says which motor; it ends when that one is heard."""
+    """The caller is dead. The root's note names the motor, and the root ends when that motor answers."""
     caller = bench[0].moving("loop")
     pids, note = caller.pids(), caller.run_dir / f"{caller.tree['robot']}.json"
     bench[0].twin.fault("garbage:5")
@@ -142,7 +145,7 @@ def test_saf_018_a_root_stays_for_a_motor_that_is_not_confirmed(bench: tuple[Ben
 def test_saf_018_a_wire_without_a_root_stays_for_a_motor_that_is_not_confirmed(
     bench: tuple[Bench, Caller],
 ) -> None:
-    """It goes past its own gate, with the port it has and then with the port opened anew."""
+    """The wire process bypasses its own gate. It uses its open port first, and then opens the port again."""
     caller = bench[0].moving("loop")
     pids = caller.pids()
     bench[0].twin.fault("garbage:5")
@@ -161,7 +164,7 @@ def test_saf_018_a_wire_without_a_root_stays_for_a_motor_that_is_not_confirmed(
 
 
 def alive(pid: int) -> bool:
-    """Not gone, nor waiting to be reaped."""
+    """Return whether a process exists and is not a zombie."""
     try:
         return Path(f"/proc/{pid}/stat").read_bytes().rpartition(b")")[2].split()[0] != b"Z"
     except OSError:

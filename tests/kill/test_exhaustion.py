@@ -1,10 +1,11 @@
-"""SAF-024: a process of a robot has no file, memory, thread, disk or processor time left, and then
-another one is killed. The wire shows the safe state, or the exhausted process ends and the next one
-acts.
+"""SAF-024: one process of a robot has exhausted a resource, and then another process is killed.
 
-Real processes, real wires: a row is a wire, a cell a process and what it lacks. Limits are put on
-from outside (``exhausted.py``). Ordinary runs have one cell for each kind of stop channel;
-of a process of its own, which no twin has: ``tests/contract/test_stop_process.py``.
+The resources are files, memory, threads, disk and processor time. The wire must show the safe state:
+the exhausted process writes it, or it ends and the next process writes it.
+
+Processes and wires are real. A row is a wire, and a cell is a process and its exhausted resource.
+Limits are set from outside (``exhausted.py``). Ordinary runs have one cell for each type of stop
+channel. No twin has a stop process: ``tests/contract/test_stop_process.py`` tests that type.
 """
 
 from __future__ import annotations
@@ -37,17 +38,17 @@ GROUPED = [lacks for lacks, at in ((Lacks.GROUP_MEMORY, "memory"), (Lacks.GROUP_
 PLAIN = [Lacks.FILES, Lacks.MEMORY, Lacks.THREADS, Lacks.DISK, Lacks.CPU]
 ROWS = [Row(role, lacks) for role in (Roles.ROOT, Roles.WIRE, Roles.STANDBY) for lacks in (*PLAIN, *GROUPED)]
 FULL_TABLE = [Row(Roles.ROOT, Lacks.TABLE), Row(Roles.WIRE, Lacks.TABLE)]
-"""The standby is the last: what it cannot open, nobody can."""
+"""There is no row of the standby. It acts last, and no other process could open the files either."""
 LEAKS = [Row(Roles.ROOT, Lacks.LEAK), Row(Roles.WIRE, Lacks.LEAK)]
 EVERYBODY = [Row(Roles.EVERY, Lacks.THREADS), Row(Roles.EVERY, Lacks.DISK)]
-"""What a whole container lacks: no process is left that has it."""
+"""Resources of a whole container, which all of its processes lack at once."""
 
 QUICK = {
     ("so101", Roles.ROOT, Lacks.FILES),  # DuplicateDescriptor
     ("xarm7", Roles.ROOT, Lacks.FILES),  # ConnectWhenNeeded: it ends
     ("panda", Roles.ROOT, Lacks.FILES),  # WatchedFirmware: it ends
     ("rby1", Roles.ROOT, Lacks.FILES),  # KeptSession
-    ("xarm7", Roles.ROOT, Lacks.TABLE),  # ConnectWhenNeeded: what it frees cannot be opened again
+    ("xarm7", Roles.ROOT, Lacks.TABLE),  # ConnectWhenNeeded: a descriptor that it closes cannot be opened again
     ("ur3e", Roles.ROOT, Lacks.LEAK),  # three sockets, and the root stays
 }
 
@@ -65,8 +66,7 @@ CELLS = [
 
 @pytest.fixture(scope="module")
 def benches() -> Iterator[dict[str, Bench]]:
-    """The one bench in use. Cells come robot by robot: the one before is ended when the next
-    begins."""
+    """Hold the one bench in use. Cells are ordered by robot, and a bench ends when the next begins."""
     benches: dict[str, Bench] = {}
     yield benches
     for bench in benches.values():
@@ -138,7 +138,7 @@ DISKS = [
 
 @pytest.fixture
 def run_disk(request: pytest.FixtureRequest, strands_run_dir: Path) -> Iterator[Disk]:
-    """Return how the run directory will break. One that becomes full is on a small disk."""
+    """Return the fault of the run directory. For a full disk, mount a small one there."""
     with small(strands_run_dir) if request.param is Disk.FULL else contextlib.nullcontext():
         yield request.param
 

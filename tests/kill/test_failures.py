@@ -1,5 +1,7 @@
-"""Failures that others had, and that no cell of the matrix would notice. docs/safety-evidence.md names the
-rest."""
+"""Test failures that other projects had and that no cell of the kill matrix would notice.
+
+docs/safety-evidence.md names the others.
+"""
 
 from __future__ import annotations
 
@@ -45,7 +47,7 @@ def raises(observation: dict[str, float]) -> dict[str, float]:
 
 @pytest.mark.parametrize("how", ["its time is up", "the policy raises", "stop_task"])
 def test_cleanup_after_any_end_of_a_rollout_leaves_no_torque(strands_robot: Start, how: str) -> None:
-    """Elsewhere the torque stayed on in six of six."""
+    """In another project the torque stayed on in six of six runs."""
     arm, twin = strands_robot("so101")
     policy = raises if how == "the policy raises" else lambda observation: dict(observation)
     assert arm.run_policy(policy, duration=0.3 if how == "its time is up" else 30.0)["status"] == "success"
@@ -89,12 +91,12 @@ TOLD = {
     "supervisors/mesh/pictures.py",
     "supervisors/root/audit.py",
 }
-"""Who tells others what time it is by the wall, or is told so by the kernel and believes what can
-be."""
+"""Files that may read the wall clock. They publish its time, or they check a wall-clock
+timestamp from the operating system for plausibility."""
 
 
 def test_no_part_of_the_tree_reads_the_wall_clock() -> None:
-    """A clock that is stepped changes no deadline."""
+    """A step of the wall clock must not change a deadline."""
     assert list(wall_clock_calls("import time\ntime.monotonic_ns()\nclock.now_ns()")) == []
     assert list(wall_clock_calls("import time\ntime.time()")) == ["time.time"]
     assert list(wall_clock_calls("datetime.datetime.now()")) == ["datetime.datetime.now"]

@@ -1,5 +1,8 @@
-"""SAF-002: a frozen wire process that is let go again finds itself dead. SAF-003, SAF-016: and the
-root may die, or one of its actors find nobody to ask, just then."""
+"""Test the fence: the root kills a frozen wire process.
+
+SAF-002: a frozen wire process writes nothing after it is thawed. SAF-003 and SAF-016: the root may
+die, or get no answer from gate and policy, at the same moment.
+"""
 
 from __future__ import annotations
 
@@ -24,8 +27,8 @@ Start = Callable[..., tuple[RealRobot, Twin]]
 def test_saf_002_a_frozen_wire_is_fenced_before_the_root_writes(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """The target is latched and its caller lives on: without the fence, the wire would re-send
-    it."""
+    """The target is latched and its caller is alive. Without the fence the wire process would send the
+    target again."""
     log = WireLog(tmp_path / "wire.ndjson")
     monkeypatch.setenv("STRANDS_ACTORS_TWIN_LOG", str(log.path))
     with Robot("so101", mode="real", transport="twin") as arm:
@@ -39,14 +42,15 @@ def test_saf_002_a_frozen_wire_is_fenced_before_the_root_writes(
             time.sleep(0.01)
         with contextlib.suppress(ProcessLookupError):
             os.kill(wire, signal.SIGCONT)
-        time.sleep(0.5)  # what must not happen has no event to wait for
+        # The absence of a setpoint has no event to wait for.
+        time.sleep(0.5)
         assert log.setpoints_after_safe(frozen_ns) == 0
         assert not Path(f"/proc/{wire}").exists()
 
 
 def test_saf_016_a_root_that_dies_as_it_ends_a_frozen_wire_has_written(strands_robot: Start) -> None:
-    """It is killed at the very death of the wire that it fences: the frame before the fence is
-    out."""
+    """The root is killed at the moment when the fenced wire process ends. The safe frame that the root
+    writes before the fence has been sent."""
     arm, twin = strands_robot("so101")
     assert arm.send_action({"shoulder_pan": 10.0})["status"] == "success"
     known = pids(arm)
@@ -58,15 +62,15 @@ def test_saf_016_a_root_that_dies_as_it_ends_a_frozen_wire_has_written(strands_r
     assert poll.poll(5000.0), "it was not fenced"
     os.kill(known["root"], signal.SIGKILL)
     os.close(wire)
-    time.sleep(0.5)  # nobody is left who could write
+    time.sleep(0.5)  # No process is left that could write.
     safe = twin.log.first_safe(frozen_ns)
     assert safe is not None and safe.safe_state == "limp"
     twin.log.no_setpoint_after_safe(frozen_ns)
 
 
 def test_saf_003_a_stop_of_a_task_beside_a_dead_wire_does_not_end_the_root(strands_robot: Start) -> None:
-    """Neither policy nor gate answers the root, which has the stop channel: it is needed just
-    then."""
+    """Neither the policy nor the gate answers the root. The root must not fail, because its
+    stop channel is needed at that moment."""
     arm, twin = strands_robot("so101")
     started = arm.start_task("wave", policy_provider="tests.kill.sitting:Sitting")
     assert started["status"] == "success", started

@@ -1,13 +1,13 @@
 """SAF-021: processes are killed while a robot is being energised, at moments spread over the verb.
 
-Real processes, the twin, and what the twin's simulation says of its motors. A request that is on its
-way then must not energise the robot after the last process has gone, or after a safe state that was
-reported as confirmed.
+The processes are real, and the simulation of the twin shows its motors. A request that is on its way
+must not energise the robot after the last process has ended, nor after a safe state was reported as
+confirmed.
 
-To add a robot, add a ``Row``. The verb is ``resume``, ``connect_eagerly`` or the name of a service;
-``before`` names verbs that have to be done first. ``energised`` tells whether the twin's motors
-are on although they should be off. The ordinary suite runs ``QUICK`` moments of a row, and the long
-one all of its ``moments``.
+To add a robot, add a ``Row``. The verb is ``resume``, ``connect_eagerly`` or the name of a service.
+``before`` names verbs that must run first. ``energised`` returns whether the twin's motors are on
+although they should be off. The ordinary suite runs ``QUICK`` moments of a row, and the long suite
+runs all of its ``moments``.
 """
 
 from __future__ import annotations
@@ -37,13 +37,14 @@ from strands_actors.testing.bench import driver_of
 MOMENTS = int(os.environ.get("STRANDS_ACTORS_MOMENTS", "40"))
 """Moments of a UR in the long suite, for each victim."""
 FEW, QUICK = min(4, MOMENTS), 1
-"""Moments of another robot there, and of a row in the ordinary suite: the middle of its verb."""
+"""Moments of the other robots in the long suite, and moments of a row in the ordinary suite. The
+single moment is the middle of the verb."""
 VICTIMS = ("caller", "wire", "root", "root and wire")
 GONE_S = 30.0
-"""For processes to end, beside what the wire declares."""
+"""Time for processes to end, in addition to the time that the driver declares."""
 ANSWER_S = 5.0
 READS_S = 0.1
-"""For a twin to carry out a control line."""
+"""Time for a twin to carry out a control line."""
 
 
 @dataclass(frozen=True)
@@ -52,16 +53,16 @@ class Row:
     verb: str
     before: tuple[str, ...] = ()
     options: Mapping[str, object] = field(default_factory=dict)
-    """Of the twin."""
+    """Options of the twin."""
     keywords: Mapping[str, object] = field(default_factory=dict)
-    """Of the robot."""
+    """Keyword arguments of the robot."""
     energised: Callable[[Trial], bool] = lambda trial: trial.held_by_wire
     begun: Callable[[Trial], bool] | None = None
-    """Whether the verb has done something. None: then the robot is energised."""
+    """Returns whether the verb had an effect. None: the robot must be energised."""
     queue_s: float = 0.0
-    """The robot carries out requests of the wire process so much later, and others' at once."""
+    """Time by which the robot delays requests of the wire process. It carries out others at once."""
     fresh: bool = False
-    """Whether the twin's power is cut before each trial: a stop leaves the robot ready to move."""
+    """True if the twin's power is cut before each trial, because a stop leaves the robot ready to move."""
     moments: int = MOMENTS
     quick: tuple[str, ...] = ()
     """Victims in the ordinary suite."""
@@ -74,8 +75,10 @@ ENERGISING = ("enable", "setpoint")
 
 
 def told_last(trial: Trial) -> bool:
-    """Return whether the last of the host's energising and safe frames is an energising one. For
-    robots that a stop leaves energised."""
+    """Return whether the host's last energising or safe frame is an energising one.
+
+    This serves robots that stay energised after a stop.
+    """
     kinds = trial.kinds("safe", *ENERGISING)
     return bool(kinds) and kinds[-1] in ENERGISING
 
@@ -89,7 +92,7 @@ def few(robot: str, verb: str, **more: Any) -> Row:
 
 
 ROWS = [
-    # The upload is still being loaded when a stop ends whatever runs: it starts behind the stop.
+    # A stop ends the running program while the upload is still loading. The upload starts after it.
     Row("ur5e", "resume", options={"program_load_s": 0.5}, quick=("caller", "root and wire")),
     few("ur5e", "resume", options={"program_load_s": 0.5}, keywords={"control": "script"}, quick=("wire",)),
     Row("ur5e", "resume"),
@@ -111,7 +114,7 @@ ROWS = [
     few("crazyflie", "takeoff", queue_s=0.05),
     few("microduck", "enable", energised=told_last, begun=wrote("other")),
     few("panda", "connect_eagerly", energised=told_last, begun=wrote("config")),
-    # Answers energise nothing: a session that commands holds the arm.
+    # Answers energise nothing. The arm is held by a session that commands it.
     few("kuka_iiwa", "resume", energised=told_last, begun=wrote("safe")),
     few("kuka_iiwa", "connect_eagerly", energised=told_last, begun=wrote("safe"), quick=("root",)),
     few("stretch3", "resume", energised=told_last, begun=wrote("safe")),
@@ -159,19 +162,20 @@ class Trial:
             assert self.line(90.0) == "ready"
             if row.queue_s:
                 self._order(f"late {self.roles()['wire']} {row.queue_s}")
-            os.truncate(self.log.path, 0)  # what the verb does is looked for in the log
+            # The log must contain the effects of the verb only.
+            os.truncate(self.log.path, 0)
         except BaseException:
             self.end()
             raise
 
     def _order(self, line: str) -> None:
-        """Give the twin a control line. A line that it does not know is an error."""
+        """Send a control line to the twin. An unknown line is an error."""
         self.twin.order(line)
         time.sleep(READS_S)
         assert line not in self._twin_errors.read_text(), self._twin_errors.read_text()
 
     def line(self, within_s: float) -> Any:
-        """What the caller says next."""
+        """Return the next line of the caller, decoded from JSON."""
         assert self._caller.stdout is not None
         deadline_s = time.monotonic() + within_s
         while b"\n" not in self._said:
@@ -189,8 +193,10 @@ class Trial:
         self._caller.stdin.flush()
 
     def roles(self) -> dict[str, int]:
-        """The processes of this caller's tree that live, by role. A child that was forked a moment ago
-        still has its parent's name: it is none of them."""
+        """Return the living processes of this caller's tree, by role.
+
+        A child that was just forked still has its parent's name, so it is left out.
+        """
         mark, found = f"STRANDS_ACTORS_RUN={self._run}".encode(), dict[str, int]()
         for entry in Path("/proc").iterdir():
             try:
@@ -208,7 +214,11 @@ class Trial:
         return found
 
     def kill(self, victim: str) -> list[str]:
-        """Kill the victims. ``connect_eagerly`` starts them: those that live, else the caller."""
+        """Kill the victims, and return their roles.
+
+        ``connect_eagerly`` starts the processes. Then the victims that already live are killed, or
+        the caller if there is none.
+        """
         roles = self.roles()
         victims = victim.split(" and ")
         if self.row.verb == "connect_eagerly":
@@ -221,7 +231,7 @@ class Trial:
 
     @property
     def held_by_wire(self) -> bool:
-        """Whether the wire holds any motor, as the twin's simulation says."""
+        """Return whether the wire holds any motor in the twin's simulation."""
         return trio.run(self._hands)
 
     async def _hands(self) -> bool:
@@ -251,7 +261,7 @@ class Trial:
 
 
 class Bench:
-    """The twin in use, one at a time: a wire's ports may be fixed."""
+    """Hold the twin in use. There is one at a time, because the ports of a wire may be fixed."""
 
     def __init__(self, directories: pytest.TempPathFactory) -> None:
         self._directories = directories
@@ -260,7 +270,7 @@ class Bench:
         self._took_s: dict[str, float] = {}
 
     def trial(self, row: Row) -> Trial:
-        """A caller that is ready, on a twin with an empty log."""
+        """Start a caller on a twin with an empty log, and wait until it is ready."""
         if self._key != (row.robot, row.options):
             self.close()
             self._key, self._directory = (row.robot, row.options), self._directories.mktemp("arming")
@@ -270,7 +280,7 @@ class Bench:
         return Trial(row, self.twin, self._directory)
 
     def took_s(self, row: Row) -> float:
-        """How long the verb takes when nobody is killed."""
+        """Return the duration of the verb without a kill."""
         if str(row) not in self._took_s:
             self._took_s[str(row)] = duration_s(row, self.trial(row))
         return self._took_s[str(row)]
@@ -302,8 +312,11 @@ def duration_s(row: Row, trial: Trial) -> float:
 
 
 def ends(trial: Trial, within_s: float, story: str) -> None:
-    """Wait until no process of the tree is left. The caller may be. The time for which one only waits
-    for a processor does not count: a root that has not begun, on a starved machine."""
+    """Wait until no process of the tree is left except the caller.
+
+    The time for which a process only waits for a processor does not count. On a starved machine, a
+    root may not have begun to run.
+    """
     began_s = time.monotonic()
     before: dict[int, float] = {}
     while left := {role: pid for role, pid in trial.roles().items() if role != "caller"}:
@@ -314,7 +327,7 @@ def ends(trial: Trial, within_s: float, story: str) -> None:
 
 
 def queued_s(pid: int) -> float:
-    """Return for how long a process has waited for a processor, of all its time."""
+    """Return for how long a process has waited for a processor since its start (s)."""
     try:
         return int(Path(f"/proc/{pid}/schedstat").read_text().split()[1]) / 1e9
     except OSError:  # it has ended
@@ -337,7 +350,7 @@ def test_saf_021_nothing_is_energised_after_a_kill_during_the_verb(
             story = f"{killed} killed {after_s * 1e3:.0f} ms after {row.verb}"
             if "caller" in killed or "root" in killed:
                 ends(trial, GONE_S + late_s, story)
-            else:  # the tree goes on: what it confirms has to stay so
+            else:  # The tree lives on, and a state that it confirms must last.
                 trial.line(60.0)
                 trial.begin("stop")
                 answer = trial.line(60.0)

@@ -1,5 +1,7 @@
-"""SAF-010: a start_task that was not answered in time starts nothing later. Real processes, by the
-wire's log."""
+"""SAF-010: a ``start_task`` that was not answered in time starts nothing later.
+
+Processes are real, and the wire log shows the result.
+"""
 
 from __future__ import annotations
 
@@ -21,7 +23,7 @@ from tests.answers import pids
 Start = Callable[..., tuple[RealRobot, Twin]]
 
 LATE_S = 2.5
-"""After which a policy that was started late would have moved."""
+"""A policy that was started late would have moved the robot within this time."""
 
 
 def start(arm: RealRobot) -> dict[str, Any]:
@@ -35,7 +37,7 @@ def task(arm: RealRobot) -> dict[str, Any]:
 
 
 def spawner_of(arm: RealRobot) -> int:
-    """The child of the root that is no part of the tree."""
+    """Return the pid of the root's child that is not listed in the tree."""
     known = pids(arm)
     children = Path(f"/proc/{known['root']}/task/{known['root']}/children").read_text().split()
     (spawner,) = {int(pid) for pid in children} - set(known.values())
@@ -50,13 +52,13 @@ def test_saf_010_a_task_is_not_started_by_a_spawner_that_was_frozen(strands_robo
     refused = start(arm)
     assert refused["status"] == "error" and "starts others did not answer" in str(refused), refused
     with pytest.raises(ProcessLookupError):
-        for _ in range(200):  # ended, so there is nobody to be let go
+        for _ in range(200):  # It has ended, so it cannot be thawed.
             os.kill(spawner, signal.SIGCONT)
             time.sleep(0.01)
     time.sleep(LATE_S)
     assert twin.log.host("setpoint", began_ns) == []
     assert not task(arm)["running"]
-    started = start(arm)  # by the one that replaces it
+    started = start(arm)  # by the spawner that replaces it
     assert started["status"] == "success", started
     arm.stop_task()
     assert not task(arm)["running"]
@@ -65,8 +67,10 @@ def test_saf_010_a_task_is_not_started_by_a_spawner_that_was_frozen(strands_robo
 def test_saf_010_a_task_whose_caller_has_given_up_moves_nothing(
     strands_robot: Start, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """The root answers, and too late: what it has begun by then is ended, and gets no lease. It is
-    given no deadline here, so that it does begin."""
+    """The root answers too late. The policy that it has started by then is ended and gets no lease.
+
+    The request has no deadline here, so that the root does start the policy.
+    """
     arm, twin = strands_robot("so101")
     began_ns = time.monotonic_ns()
     monkeypatch.setattr(rollouts, "START_S", 1e-4)

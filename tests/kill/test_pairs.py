@@ -1,8 +1,7 @@
-"""SAF-016: two processes break within 50 ms of each other. The tables of the matrix of pairs, and
-its short form.
+"""SAF-016: two processes fail within 50 ms. Test the tables of the matrix of pairs and its short form.
 
-Real processes, real wires. The bounds are the published ones, but for the time for which processes
-stood in line for a processor. ``strands-actors matrix --pairs`` measures them.
+Processes and wires are real. The bounds are the published ones, except that the time for which
+processes waited for a processor is not counted. ``strands-actors matrix --pairs`` measures them.
 """
 
 from __future__ import annotations
@@ -29,7 +28,7 @@ from strands_actors.testing.trials import cell_named
 
 SETTLE_S = 0.2
 ROBOTS = ("so101", "robotiq_2f85")
-"""A serial bus, and a connection made when it is needed."""
+"""A serial bus, and a stop channel that connects when it is needed."""
 ROLES = ("caller", "policy", "wire", "root", "standby", "spawner", "camera/eye", "recorder", "standby/stop")
 CELLS = [
     (robot, pair)
@@ -41,8 +40,7 @@ CELLS = [
 
 @pytest.fixture(scope="module")
 def benches() -> Iterator[dict[str, Bench]]:
-    """The one bench in use. Cells come robot by robot: the one before is ended when the next
-    begins."""
+    """Hold the one bench in use. Cells are ordered by robot, and a bench ends when the next begins."""
     benches: dict[str, Bench] = {}
     yield benches
     for bench in benches.values():

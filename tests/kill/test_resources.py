@@ -1,6 +1,7 @@
-"""What runs out: descriptors, in the root and in the caller; memory, by restarts of a policy.
-(Memory of a policy: ``test_failures.py``; the disk:
-``test_a_full_disk_ends_the_recording_and_nothing_else``; the clock: ``test_clock_step.py``.)
+"""Test exhausted resources: descriptors of root and caller, and memory after restarts of a policy.
+
+Other tests: memory of a policy in ``test_failures.py``, the disk in
+``test_a_full_disk_ends_the_recording_and_nothing_else``, the clock in ``test_clock_step.py``.
 """
 
 from __future__ import annotations
@@ -23,18 +24,18 @@ from tests.answers import PATIENCE_S, pids, until
 from .restarts import private_kb
 
 RESTARTS = int(os.environ.get("STRANDS_ACTORS_RESTARTS", "5000"))
-"""In virtual time; the figure that docs/safety-faults.md gives is of 100000."""
+"""Restarts in virtual time. The figure in docs/safety-faults.md was measured with 100000."""
 REAL_RESTARTS = int(os.environ.get("STRANDS_ACTORS_REAL_RESTARTS", "60"))
 GROWTH = 1.05
 WARM_UP = 100
-"""Restarts until the allocator of a wire has settled: it grows by 0.5 MB in the first hundred
-sessions of policies that it lets in, and by 0.15 MB in the next three hundred."""
+"""Restarts until the allocator of a wire process has settled. It grows by 0.5 MB in the first hundred
+policy sessions that it accepts, and by 0.15 MB in the next three hundred."""
 
 Start = Callable[..., tuple[RealRobot, Twin]]
 
 
 def only_those_it_has(pid: int) -> tuple[int, int]:
-    """Let a process open no more descriptors; its limits before."""
+    """Let a process open no more descriptors, and return its previous limits."""
     numbers = [int(name) for name in os.listdir(f"/proc/{pid}/fd")]
     free = next(number for number in range(len(numbers) + 1) if number not in numbers)
     assert free <= max(numbers) + 1
@@ -44,7 +45,7 @@ def only_those_it_has(pid: int) -> tuple[int, int]:
 
 
 def test_saf_003_a_root_without_free_descriptors_makes_safe_and_stays_so(strands_robot: Start) -> None:
-    """Its own path was ready before; for another wire process it has no descriptors."""
+    """The root's stop channel was open before. It has no descriptors to start another wire process."""
     arm, twin = strands_robot("so101")
     assert arm.send_action({"shoulder_pan": 10.0})["status"] == "success"
     root, wire = pids(arm)["root"], pids(arm)["wire"]
@@ -100,7 +101,7 @@ def test_restarts_of_a_policy_process_leave_root_and_wire_as_they_were(strands_r
 
 
 def test_restarts_of_a_policy_leave_the_memory_of_gate_and_tasks_as_it_was() -> None:
-    """In a process of their own: what a test runner keeps is not theirs."""
+    """Run in a child process, because the test runner's own memory must not be counted."""
     done = subprocess.run(
         [sys.executable, "-m", "tests.kill.restarts", str(RESTARTS)],
         cwd=Path(__file__).parents[2],

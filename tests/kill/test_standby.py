@@ -1,8 +1,7 @@
-"""SAF-016: root and wire break within a moment, and the standby makes the robot safe. Real
-processes, real wires.
+"""SAF-016: root and wire fail almost together, and the standby makes the robot safe.
 
-One robot on a serial port, whose descriptor the standby has; one on a network, where it connects
-anew.
+Processes and wires are real. One robot has a serial port, whose descriptor the standby inherits.
+The other is on a network, where the standby opens a new connection.
 """
 
 from __future__ import annotations
@@ -33,8 +32,8 @@ SETTLE_S = 0.5
 
 @pytest.fixture
 def moving(strands_robot: Start) -> Iterator[Callable[[str], tuple[RealRobot, Twin, dict[str, int]]]]:
-    """An armed robot with a command that stands, and its processes. All of them are ended
-    afterwards."""
+    """Start an armed robot with a command in force, and return it with its processes. The processes
+    are killed afterwards."""
     known: list[int] = []
 
     def start(kind: str) -> tuple[RealRobot, Twin, dict[str, int]]:
@@ -53,7 +52,7 @@ def moving(strands_robot: Start) -> Iterator[Callable[[str], tuple[RealRobot, Tw
 
 
 def alive(pid: int) -> bool:
-    """Not gone, nor waiting to be reaped."""
+    """Return whether a process exists and is not a zombie."""
     try:
         return Path(f"/proc/{pid}/stat").read_bytes().rpartition(b")")[2].split()[0] != b"Z"
     except OSError:
@@ -61,7 +60,7 @@ def alive(pid: int) -> bool:
 
 
 def report_of(strands_run_dir: Path, robot: str) -> StandbyReport:
-    """Its last one."""
+    """Wait for the final report of the standby."""
     path = strands_run_dir / f"{robot}{REPORT}"
     return until(lambda: found if (found := read(path)) is not None and found.over else None, "it reports")
 
@@ -85,7 +84,8 @@ def test_saf_016_root_and_wire_break_and_the_standby_makes_safe(
         assert not alive(found[role]), f"{role} was fenced, or had ended"
         with contextlib.suppress(ProcessLookupError):
             os.kill(found[role], signal.SIGCONT)
-    time.sleep(SETTLE_S)  # what must not happen has no event to wait for
+    # The absence of a setpoint has no event to wait for.
+    time.sleep(SETTLE_S)
     twin.log.no_setpoint_after_safe(broken_ns)
     assert holder(strands_run_dir / f"{kind}{LOCK}") is None
 
@@ -93,8 +93,8 @@ def test_saf_016_root_and_wire_break_and_the_standby_makes_safe(
 def test_saf_016_a_wire_that_dies_before_it_has_made_safe_leaves_the_standby(
     moving: Callable[[str], Any], strands_run_dir: Path
 ) -> None:
-    """Its root is gone and one servo is mute, so that the wire goes on trying. Until then the
-    standby waits."""
+    """The root is killed and one servo is mute, so the wire process keeps trying. The standby waits
+    until the wire process has ended."""
     _, twin, found = moving("so101")
     twin.fault("garbage:5")
     time.sleep(0.1)
@@ -164,7 +164,7 @@ def test_saf_016_a_standby_that_is_gone_is_replaced_and_motion_goes_on(
 
 
 def test_saf_016_without_a_standby_nothing_is_armed(moving: Callable[[str], Any]) -> None:
-    """The spawner, which starts another, is frozen: for a second there is none."""
+    """The spawner would start another standby. It is frozen, so for a second there is no standby."""
     arm, twin, found = moving("so101")
     assert arm.stop()["status"] == "success"
     os.kill(found["spawner"], FREEZE)
@@ -179,7 +179,7 @@ def test_saf_016_without_a_standby_nothing_is_armed(moving: Callable[[str], Any]
 
 
 def test_saf_016_the_standby_is_gone_and_then_the_root(moving: Callable[[str], Any], strands_run_dir: Path) -> None:
-    """The wire is left."""
+    """Only the wire process is left, and it makes the robot safe."""
     _, twin, found = moving("so101")
     broken_ns = time.monotonic_ns()
     os.kill(found["standby"], KILL)
@@ -209,7 +209,7 @@ def test_saf_016_the_next_robot_tells_what_the_standby_did(
 def test_saf_016_a_frozen_standby_of_an_earlier_tree_is_ended_and_writes_nothing(
     moving: Callable[[str], Any], strands_run_dir: Path
 ) -> None:
-    """It could write when it is let go, to the robot of the next tree."""
+    """If it were thawed later, it could write to the robot of the next tree."""
     arm, twin, found = moving("so101")
     os.kill(found["standby"], FREEZE)
     os.kill(found["root"], KILL)
@@ -228,7 +228,7 @@ def test_saf_016_a_frozen_standby_of_an_earlier_tree_is_ended_and_writes_nothing
 def test_saf_016_signals_that_end_the_others_do_not_end_the_standby(
     moving: Callable[[str], Any], strands_run_dir: Path, number: signal.Signals
 ) -> None:
-    """``pkill -f strands`` ends root and wire, and not the standby, which makes safe."""
+    """``pkill -f strands`` ends root and wire process. The standby survives and makes the robot safe."""
     _, twin, found = moving("so101")
     assert os.getsid(found["standby"]) == found["standby"]
     broken_ns = time.monotonic_ns()
@@ -240,7 +240,10 @@ def test_saf_016_signals_that_end_the_others_do_not_end_the_standby(
 
 
 def test_processes_have_names_of_their_own(moving: Callable[[str], Any]) -> None:
-    """``pkill python`` is meant for scripts: it looks at the first, ``pkill -f`` at the second."""
+    """``pkill python`` is meant for scripts and must not match a robot's processes.
+
+    ``pkill`` compares with ``comm``, ``pkill -f`` with ``cmdline``.
+    """
     _, _, found = moving("so101")
     for role in ("root", "wire", "standby"):
         assert Path(f"/proc/{found[role]}/comm").read_text().strip() == f"strands-{role}"[:15]

@@ -1,4 +1,4 @@
-"""For tests of the tree: a writer with a lease, what the wire got, an actor that freezes."""
+"""Helpers for tests of the tree: a writer with a lease, the setpoints on the wire, a frozen actor."""
 
 from __future__ import annotations
 
@@ -27,8 +27,10 @@ class Writer:
         return answer
 
     async def read_epoch(self) -> None:
-        """Write in the present epoch under the lease it has: who acquires anew in the middle of a hold
-        is answered after it."""
+        """Take over the present epoch and keep the lease.
+
+        A new acquisition during a hold would be answered only after the hold.
+        """
         self.lease = Lease(self.lease.id, (await self.tree.status()).epoch)
 
     def setpoint(
@@ -43,7 +45,7 @@ class Writer:
 
 
 async def armed(tree: InlineTree, name: str = "writer") -> Writer:
-    """A writer with the lease, on an armed robot."""
+    """Arm the robot, and return a writer that has the lease."""
     answer = await tree.gate.ask(Resume("test"), 1.0)
     assert isinstance(answer, Resumed), answer
     writer = Writer(tree, name)
@@ -56,7 +58,7 @@ def setpoints(tree: InlineTree, since_ns: int = 0) -> list[tuple[float, ...]]:
 
 
 def freeze(tree: InlineTree, actor: str) -> None:
-    """From its next message on, the actor never answers again."""
+    """Freeze an actor. From its next message on it never answers."""
     cell = tree.node.cells[tree.gate.address.replace("gate", actor)]
 
     def deaf(_: int) -> bool:
@@ -71,8 +73,11 @@ def freeze(tree: InlineTree, actor: str) -> None:
 def driver_of(
     hardware: FakeHardware, port: str, made_by: type[FakeDriver] = FakeDriver, usual: str = "stop"
 ) -> Driver:
-    """Return one whose e-stop takes the power, as that of a Reachy, a Spot or an RB-Y1 may, and
-    whose other stops do not: they are ``usual``."""
+    """Return a driver whose e-stop cuts the power, as that of a Reachy, a Spot or an RB-Y1 may.
+
+    Args:
+        usual: The safe state of all other stops. A hold stays a hold.
+    """
     HARDWARE[port] = hardware
     driver = made_by("fake", port, {})
     del HARDWARE[port]
