@@ -219,3 +219,36 @@ def test_a_cycle_for_type_checkers_is_found() -> None:
         for name, source in sources.items()
     }
     assert cycles({name: targets & set(graph) for name, targets in graph.items()}) == [["a.b", "a.c", "a.b"]]
+
+
+ROOMS = {
+    "strands_actors.caller": {
+        "handle": {"session", "processes", "resolve"},
+        "session": {"processes"},
+        "resolve": {"processes"},
+        "processes": set(),
+    },
+    "strands_actors.drivers.common": {
+        "kit": {"ports", "codecs"},
+        "ports": {"codecs"},
+        "codecs": set(),
+        "physics": set(),
+        "servo": {"kit", "ports"},
+        "dynamixel": {"kit", "physics", "ports", "servo", "twin"},
+        "rtps": {"codecs"},
+        "simulation_control": {"codecs", "physics"},
+        "twin": {"codecs", "physics", "ports", "rtps", "simulation_control"},
+    },
+}
+"""The rooms of a package, and the rooms that each may import."""
+
+
+@pytest.mark.parametrize("package", ROOMS)
+def test_rooms_import_only_the_rooms_below_them(package: str) -> None:
+    arrows: dict[str, set[str]] = {room: set() for room in ROOMS[package]}
+    for name, imports in all_imports().items():
+        room = name.removeprefix(f"{package}.").partition(".")[0]
+        if name.startswith(f"{package}.") and room in arrows:
+            targets = (target for _, target in imports if target.startswith(f"{package}."))
+            arrows[room] |= {target.removeprefix(f"{package}.").partition(".")[0] for target in targets} - {room}
+    assert arrows == ROOMS[package]

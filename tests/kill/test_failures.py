@@ -19,7 +19,7 @@ from strands_actors.caller.handle.robot import RealRobot
 from strands_actors.testing import Twin
 
 PACKAGE = Path(strands_actors.__file__).parent
-TREE = ("runtime", "supervisors", "drivers")
+TREE = ("kernel", "contract", "supervisors", "drivers")
 """The parts that run in root and wire."""
 WALL_CLOCK = {"time", "time_ns", "now", "utcnow", "today", "localtime", "gmtime"}
 
@@ -100,6 +100,7 @@ def test_no_part_of_the_tree_reads_the_wall_clock() -> None:
     assert list(wall_clock_calls("import time\ntime.monotonic_ns()\nclock.now_ns()")) == []
     assert list(wall_clock_calls("import time\ntime.time()")) == ["time.time"]
     assert list(wall_clock_calls("datetime.datetime.now()")) == ["datetime.datetime.now"]
+    assert all((PACKAGE / part).is_dir() for part in TREE), "a part has moved"
     found = {
         str(path.relative_to(PACKAGE)): calls
         for part in TREE

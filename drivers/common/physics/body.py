@@ -1,4 +1,8 @@
-"""What a twin shows at its simulation control: the robot's body, whatever is behind its wire."""
+"""The body of a simulated robot, as its twin offers it to the simulation control.
+
+The wire and the simulation share one body. A joint that is energised on the wire follows the wire: a servo with
+torque, an arm with a running program. The simulation holds the other joints.
+"""
 
 from __future__ import annotations
 
@@ -7,25 +11,23 @@ from collections.abc import Sequence
 from typing import Any, NamedTuple, Protocol, runtime_checkable
 
 TIMESTEP_S = 0.002
-"""Of the physics of every twin."""
+"""Time step of the physics of every twin, in seconds."""
 
 
 class Hand(enum.IntEnum):
-    """Who holds a joint.
+    """The holder of a joint.
 
-    What is energised on the wire follows the wire: a servo with torque enabled there, an arm whose
-    controller runs a program. The simulation holds the rest, from ``take`` until it is stopped or
-    the wire takes it. It is never given back by itself, since then an old target would come back
-    with it.
+    The simulation holds a joint from ``take`` until it is stopped or the wire energises the joint. It does
+    not take the joint back by itself, because an old target would come back with it.
     """
 
-    NONE = 0  # nobody: it is limp
-    WIRE = 1  # the robot's own electronics, told by whoever is on its wire
-    SIM = 2  # the simulation
+    NONE = 0  # The joint is limp.
+    WIRE = 1  # The robot's electronics, on commands from the wire.
+    SIM = 2  # The simulation.
 
 
 class Felt(NamedTuple):
-    """One reading, a value per axis: radians or metres, and what is pushed with."""
+    """One reading with a value per axis, in radians or metres. ``effort`` is in Nm or N."""
 
     time_s: float
     position: Sequence[float]
@@ -35,60 +37,60 @@ class Felt(NamedTuple):
 
 
 class Body(Protocol):
-    """Time passes between calls, in ``pass_time``; nothing here waits. What the wire holds follows
-    the wire."""
+    """A simulated body. Time passes only in ``pass_time`` and ``step``; no method waits. Joints that the wire
+    holds follow the wire."""
 
     @property
     def axes(self) -> tuple[str, ...]: ...
     @property
     def spec(self) -> Any:
-        """Return the model, as an ``mujoco.MjSpec`` that was compiled."""
+        """The compiled model, an ``mujoco.MjSpec``."""
         ...
 
     @property
     def hands(self) -> Sequence[Hand]:
-        """Return who holds each axis."""
+        """The holder of each axis."""
         ...
 
     def pass_time(self) -> None: ...
     def felt(self) -> Felt: ...
     def pose(self) -> Sequence[float]:
-        """``qpos`` of ``spec``."""
+        """Return ``qpos`` of ``spec``."""
         ...
 
     def take(self, on: bool) -> None:
-        """Energise what the wire does not hold, where it is; or let go of what was taken."""
+        """Energise the joints that the wire does not hold, at their positions. With ``on=False`` release them."""
         ...
 
     def aim(self, values: Sequence[float]) -> None:
-        """Targets for what was taken: one per axis, or ``target_rows`` rows of them, where a body
-        has that attribute."""
+        """Set the targets of the taken joints: one per axis, or ``target_rows`` rows if the body has that
+        attribute."""
         ...
 
     def hold(self) -> None:
-        """Let what was taken stay where it is."""
+        """Hold the taken joints at their positions."""
         ...
 
     def step(self, steps: int) -> None:
-        """Let so many time steps of physics (``TIMESTEP_S``) pass at once."""
+        """Compute ``steps`` time steps of physics (``TIMESTEP_S``) at once."""
         ...
 
     def reset(self) -> None:
-        """Everything as at first."""
+        """Return to the initial state."""
         ...
 
 
 @runtime_checkable
 class Flying(Protocol):
-    """A body that falls when it is let go of."""
+    """A body that falls when it is released."""
 
     def land(self) -> None:
-        """Go down to the floor, and switch the motors off there."""
+        """Descend to the floor and switch the motors off there."""
         ...
 
 
 def body_of(twin: object) -> Body:
-    """Raise ``ValueError`` for a twin that shows none."""
+    """Return the body of a twin. Raise ``ValueError`` for a twin without a body."""
     body: Body | None = getattr(twin, "body", None)
     if body is None:
         raise ValueError("this robot's twin shows no body: it cannot be simulated")

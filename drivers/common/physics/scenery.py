@@ -1,7 +1,7 @@
-"""What is around a robot in its simulation, and put there while it runs: objects, cameras, saved
-states, and where the robot itself stands.
+"""The scenery of a simulation, which can change while it runs: objects, cameras, saved states, and the place of
+the robot.
 
-The model is compiled anew for each; what moves goes on where it was.
+Each change compiles the model anew. Moving bodies continue from their positions and speeds.
 """
 
 from __future__ import annotations
@@ -23,14 +23,14 @@ SHAPES = {
     "capsule": (mujoco.mjtGeom.mjGEOM_CAPSULE, 2, "diameter, height of the straight part"),
     "mesh": (mujoco.mjtGeom.mjGEOM_MESH, 3, "scale in x, y, z"),
 }
-"""By name: MuJoCo's kind, how many numbers its size has, and what they are, in metres."""
+"""For each shape: MuJoCo's type, the count of numbers in its size, and their meaning, in metres."""
 
 TOUCHES = 3
 """Objects touch the floor (1), links (2) and each other."""
 
 
 class Refused(Exception):
-    """It cannot be done; the text says why and what would be accepted."""
+    """A change is refused. The text has the reason and the accepted values."""
 
 
 class Object(NamedTuple):
@@ -50,22 +50,22 @@ class Camera(NamedTuple):
     position: tuple[float, ...]
     target: tuple[float, ...]
     fov_deg: float
-    body: str = ""  # that it is mounted on; empty: the world
+    body: str = ""  # The carrier of the camera. Empty: the world.
 
 
 class Scenery:
-    """Of one body. ``changed`` is called after each change of the model."""
+    """The scenery of one body. ``changed`` is called after each change of the model."""
 
     def __init__(self, jointed: Jointed) -> None:
         self._jointed = jointed
         self._saved: dict[str, Any] = {}
         self.changed: Callable[[], None] = lambda: None
 
-    # -- what is there
+    # -- objects and cameras
 
     @property
     def objects(self) -> list[str]:
-        """Bodies by name, the robot's own links among them."""
+        """The names of all bodies, including the robot's links."""
         return [body.name for body in self._jointed.spec.bodies[1:]]
 
     @property

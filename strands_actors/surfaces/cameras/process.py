@@ -1,6 +1,6 @@
 """The process of one camera. It opens the source, reads it, and puts the newest picture into shared memory.
 
-It has the link to its root and the file of its own pictures, and no other access to the robot. It may be
+It has the link to its root and the file of its pictures, and no other access to the robot. It may be
 killed, frozen or flooded, since no other process waits for it. The root starts it again.
 
 The states are in ``told.Told``. When the source fails, it is opened again after a pause (``PAUSES_S``).
@@ -48,7 +48,7 @@ NICE = 5
 DEFAULT_FPS = 30.0
 OPEN_S = 15.0
 READ_S = 5.0
-"""Longest time that a source may take to give a picture, as ``OPEN_S`` is to open. Then this process ends."""
+"""Longest time for a source to give a picture (``OPEN_S``: to open). After that this process ends."""
 AHEAD_S = 0.1
 """Largest time by which a picture may be stamped ahead of now. A stamp of another clock is ahead by years."""
 PAUSES_S = (0.5, 1.0, 2.0, 4.0)
@@ -57,7 +57,7 @@ repeats."""
 SETTLED_S = 5.0
 """After a source has run for so long, the pauses begin with the first again."""
 HUNG = 3
-"""Exit code of a process whose source hangs."""
+"""Exit code of a process with a source that hangs."""
 
 Open = Callable[[CameraSettings], Awaitable[PictureSource]]
 
