@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from .plain_words import Text, exceptions, marks_of, prose_of_python, too_many
+from .samples import COUNT, drawn
 
 RIDDLE = '''
 def tell() -> None:
@@ -32,3 +33,8 @@ def test_the_exceptions_only_shrink() -> None:
     counts = too_many()
     stale = {path: count for path, count in exceptions().items() if counts.get(path, 0) < count}
     assert not stale, "run python -m tests.house.plain_words to lower the exceptions"
+
+
+def test_samples_for_a_reader_are_drawn_by_their_seed() -> None:
+    once, again = drawn(1), drawn(1)
+    assert once == again and {len(texts) for texts in once.values()} == {COUNT}

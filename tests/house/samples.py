@@ -1,0 +1,96 @@
+"""Draw docstrings, comments, messages and sentences of the pages for a reader who does not know the project.
+
+``python -m tests.house.samples [SEED]`` prints fifty of each, with their places. The reader says what each one
+means. At least 47 of each fifty should be right at the first reading.
+"""
+
+from __future__ import annotations
+
+import ast
+import io
+import random
+import re
+import sys
+import textwrap
+import tokenize
+from collections.abc import Iterator
+from pathlib import Path
+
+from .plain_words import CODE, ROOT, files
+
+COUNT = 50
+SEED = 20261129
+WORDS = 4
+"""Shorter texts are left out."""
+
+SENTENCE = re.compile(r"(?<=[.!?])\s+(?=[A-Z`*])")
+MESSAGES = {"Refused", "ValueError", "TypeError", "WireDown", "RuntimeError", "DatasetError"}
+"""Calls that carry a message to the user."""
+
+
+def docstrings(path: Path, tree: ast.Module) -> Iterator[str]:
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef):
+            text = ast.get_docstring(node)
+            if text:
+                name = "" if isinstance(node, ast.Module) else f" {node.name}"
+                yield f"{path}{name}: {text}"
+
+
+def comments(path: Path, source: str) -> Iterator[str]:
+    """Yield each block of comment lines as one text."""
+    block: list[str] = []
+    last_line = 0
+    for token in tokenize.generate_tokens(io.StringIO(source).readline):
+        if token.type != tokenize.COMMENT or "noqa" in token.string or "type:" in token.string:
+            continue
+        if block and token.start[0] != last_line + 1:
+            yield f"{path}:{last_line}: {' '.join(block)}"
+            block = []
+        block.append(token.string.lstrip("# "))
+        last_line = token.start[0]
+    if block:
+        yield f"{path}:{last_line}: {' '.join(block)}"
+
+
+def messages(path: Path, tree: ast.Module) -> Iterator[str]:
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id in MESSAGES:
+            texts = [ast.unparse(each) for each in node.args if isinstance(each, ast.Constant | ast.JoinedStr)]
+            if texts:
+                yield f"{path}:{node.lineno}: {' | '.join(texts)}"
+
+
+def sentences(path: Path, page: str) -> Iterator[str]:
+    prose = "\n".join(line for line in CODE.sub("`code`", page).splitlines() if not line.startswith(("#", "|")))
+    for paragraph in prose.split("\n\n"):
+        for sentence in SENTENCE.split(" ".join(paragraph.split())):
+            yield f"{path}: {sentence}"
+
+
+def drawn(seed: int = SEED) -> dict[str, list[str]]:
+    """Return ``COUNT`` texts of each kind. The same seed draws the same places of the same source."""
+    found: dict[str, list[str]] = {"docstrings": [], "comments": [], "messages": [], "sentences": []}
+    for file in files():
+        path, source = file.relative_to(ROOT), file.read_text()
+        if file.suffix == ".md":
+            found["sentences"] += sentences(path, source)
+            continue
+        tree = ast.parse(source)
+        found["docstrings"] += docstrings(path, tree)
+        found["comments"] += comments(path, source)
+        found["messages"] += messages(path, tree)
+    chosen = random.Random(seed)
+    long = {kind: [text for text in texts if len(text.split()) > WORDS] for kind, texts in found.items()}
+    return {kind: chosen.sample(texts, COUNT) for kind, texts in long.items()}
+
+
+def main() -> None:
+    for kind, texts in drawn(int(sys.argv[1]) if sys.argv[1:] else SEED).items():
+        print(f"\n# {kind}\n")
+        for number, text in enumerate(texts, 1):
+            print(textwrap.indent(f"{number}. {text}", "   ").lstrip() + "\n")
+
+
+if __name__ == "__main__":
+    main()
