@@ -1,7 +1,20 @@
-"""The arm and the twin of ``tests/robot``."""
+"""The twin of ``tests/robot``, and an arm on it."""
 
 from __future__ import annotations
 
-from tests.robot.conftest import arm, new_arm, twin, twin_process
+import pytest
+
+from strands_actors.caller.handle.robot import RealRobot
+from strands_actors.testing import Twin
+from tests.robot.conftest import NewArm, connected, new_arm, twin, twin_process
 
 __all__ = ["arm", "new_arm", "twin", "twin_process"]
+
+LIFETIME_S = 1.0
+"""The motions here last up to 5 s. On a busy machine one setpoint of them may be late by more than 0.1 s."""
+
+
+@pytest.fixture
+def arm(twin: Twin, new_arm: NewArm) -> RealRobot:
+    """Return an arm that is connected to the twin and armed."""
+    return connected(new_arm(port=twin.port, lifetime=LIFETIME_S))

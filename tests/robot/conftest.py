@@ -48,12 +48,16 @@ def new_arm(run_dir: Path) -> Iterator[NewArm]:
         arm.cleanup()
 
 
-@pytest.fixture
-def arm(twin: Twin, new_arm: NewArm) -> RealRobot:
-    """Connected to the twin and armed."""
-    robot = new_arm(port=twin.port)
+def connected(robot: RealRobot) -> RealRobot:
+    """Connect and arm a robot."""
     for _ in range(3):  # a twin that a busy machine lets wait counts as silent: worth another try, here
         problem = robot.connect_eagerly()
         if problem is None:
             return robot
     pytest.fail(f"no arm to test with: {problem}")
+
+
+@pytest.fixture
+def arm(twin: Twin, new_arm: NewArm) -> RealRobot:
+    """Return an arm that is connected to the twin and armed."""
+    return connected(new_arm(port=twin.port))
