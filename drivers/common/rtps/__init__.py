@@ -1,5 +1,6 @@
-"""RTPS, the wire of DDS, as far as robots need it: discovery, best effort, reliable delivery,
-fragments.
+"""Speak RTPS, the wire protocol of DDS, as far as robots need it.
+
+It has discovery, best-effort and reliable delivery, and fragments.
 
     participant = Participant(address="192.168.123.99")      # sockets are open
     writer = participant.writer("rt/lowcmd", "unitree_hg::msg::dds_::LowCmd_")
@@ -8,17 +9,19 @@ fragments.
     await participant.wait_matched(writer, reader)
     writer.write(payload)                                     # an ordinary function
 
-A peer counts as matched once it has acknowledged that our endpoint exists, a reliable one once it
-has spoken to it: what is written from then on is heard. A sample is as old as its datagram's
-arrival, by the kernel's time. Everything is bounded: peers, remote endpoints, samples that came too
-early, fragments; what does not fit is counted.
+A remote endpoint counts as matched once its participant has acknowledged that our endpoint exists.
+A reliable one must also have sent a message to our endpoint. From then on, samples are received. The
+age of a sample counts from the time at which the kernel received its datagram. Every table is
+bounded (peers, remote endpoints, early samples, fragments), and drops are counted.
 
-What counts in a peer's name comes from that peer's address, and its numbers go on from the last:
-one datagram from elsewhere ends nothing. Who forges the address, too, is believed: the protocol has
-no proof of it. Legs belong on a network of their own.
+A datagram in a peer's name counts only if it comes from that peer's address, and its sequence
+numbers must continue the last ones. So a single datagram from another address cannot end anything.
+A sender that forges the address too is believed, because the protocol cannot prove it. Robots with
+legs need a separate network.
 
-Protocol 2.2, IPv4. No type information is sent: a peer of another generation stumbles over it. Not
-here: security, keys, content filters, deadlines, liveliness beyond the participant's lease, IPv6.
+Protocol 2.2, IPv4. No type information is sent, because peers of another generation fail on it. Not
+supported: security, keys, content filters, deadlines, liveliness beyond the participant's lease,
+IPv6.
 """
 
 from .engine import Counters

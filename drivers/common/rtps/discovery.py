@@ -1,6 +1,8 @@
-"""What participants tell each other: who they are (SPDP), what they write and read (SEDP), and
-whether a writer and a reader fit. Types are known by name alone: no type information is sent, none
-is looked at."""
+"""Encode and decode discovery data, and check whether a writer and a reader fit.
+
+SPDP announces participants, SEDP their writers and readers. Types are compared by name only. No type
+information is sent, and received type information is ignored.
+"""
 
 from __future__ import annotations
 
@@ -25,16 +27,16 @@ RELIABLE = 2
 VOLATILE = 0
 TRANSIENT_LOCAL = 1
 
-_BLOCKING_S = 0.1  # longest a reliable write may wait; part of the QoS, ours never waits
-_LEASE_S = (0.5, 600.0)  # what is taken of a lease that is announced
+_BLOCKING_S = 0.1  # longest wait of a reliable write; the QoS needs it, but our writes never wait
+_LEASE_S = (0.5, 600.0)  # an announced lease is clamped to these bounds
 _DEFAULT_LEASE_S = 100.0  # 8.5.3.2
 _MAX_NAME = 256
 
 
 class ParticipantData(NamedTuple):
     prefix: bytes
-    discovery: tuple[Address, ...]  # where it hears SEDP
-    user: tuple[Address, ...]  # where it hears what has no locator of its own
+    discovery: tuple[Address, ...]  # addresses for SEDP
+    user: tuple[Address, ...]  # addresses for endpoints without a separate locator
     lease_s: float
 
 
@@ -62,7 +64,7 @@ def encode_participant(data: ParticipantData) -> bytes:
 
 
 def decode_participant(payload: memoryview) -> ParticipantData:
-    """Raise ``MalformedFrame``; also when it gives no place to be reached at."""
+    """Raise ``MalformedFrame``, also if the data have no IPv4 address."""
     found, order = pl.decode_payload(payload)
     guid = pl.first(found, pl.PARTICIPANT_GUID, 16)
     if guid is None or guid[PREFIX_SIZE:16] != PARTICIPANT:
@@ -94,8 +96,8 @@ def encode_endpoint(data: EndpointData) -> bytes:
 
 
 def decode_endpoint(payload: memoryview, is_writer: bool) -> EndpointData:
-    """Raise ``MalformedFrame``. What is not said has its default, which differs between writers and
-    readers."""
+    """Raise ``MalformedFrame``. Absent values get their defaults, and the default reliability of writers
+    and readers differs."""
     found, order = pl.decode_payload(payload)
     guid = pl.first(found, pl.ENDPOINT_GUID, 16)
     topic = pl.first(found, pl.TOPIC, 4)
@@ -122,7 +124,7 @@ def decode_endpoint(payload: memoryview, is_writer: bool) -> EndpointData:
 def _strings(value: memoryview, order: Order) -> tuple[str, ...]:
     (count,) = order.u32.unpack_from(value)
     found, at = [], 4
-    for _ in range(count):  # ends by itself: a name that is not there is malformed
+    for _ in range(count):  # the count needs no bound, because a missing name raises MalformedFrame
         name = value[at:]
         found.append(pl.text(name, order))
         (length,) = order.u32.unpack_from(name)
@@ -131,8 +133,7 @@ def _strings(value: memoryview, order: Order) -> tuple[str, ...]:
 
 
 def gone(payload: memoryview, key: bytes, parameter: int) -> bytes:
-    """Return the GUID that a disposal names: by its key hash, or in its payload. Raise
-    ``MalformedFrame``."""
+    """Return the GUID in the key hash or payload of a disposal. Raise ``MalformedFrame``."""
     if key:
         return key
     found, _ = pl.decode_payload(payload)
@@ -147,7 +148,7 @@ def encode_gone(guid: bytes, parameter: int) -> bytes:
 
 
 def mismatch(writer: EndpointData, reader: EndpointData) -> str:
-    """Return why these two, of one topic, do not fit; empty: they do."""
+    """Return why these two, of one topic, do not fit, or an empty text if they do."""
     if writer.type_name != reader.type_name:
         return f"type {writer.type_name} is written, {reader.type_name} is read"
     if reader.reliable and not writer.reliable:
@@ -156,15 +157,18 @@ def mismatch(writer: EndpointData, reader: EndpointData) -> str:
         return f"durability {writer.durability} is offered, {reader.durability} is asked for"
     if writer.exclusive != reader.exclusive:
         return "ownership is exclusive on one side only"
-    # Ours are in the default partition, and names are compared as they stand: no wildcards.
+    # Ours are in the default partition. Names are compared literally, without wildcards.
     if not set(writer.partitions or ("",)) & set(reader.partitions or ("",)):
         return f"partitions {writer.partitions} and {reader.partitions} have none in common"
     return ""
 
 
 def nearest(locators: Sequence[Address], heard_from: str, own: str) -> Address:
-    """Return one of a peer's addresses: the host it speaks from, else one on our side of the
-    loopback, else the first."""
+    """Return the best address of a peer.
+
+    Preferred is the host from which it sends, then an address that is a loopback address exactly if
+    ours is one, then the first.
+    """
 
     def rank(address: Address) -> tuple[bool, bool]:
         return address[0] != heard_from, is_loopback(address[0]) != is_loopback(own)

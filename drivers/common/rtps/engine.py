@@ -1,9 +1,8 @@
-"""A participant without sockets and without a clock: datagrams and time go in, datagrams and
-samples come out.
+"""Run a participant without sockets and without a clock.
 
-It hears only the topics it was asked to hear, and of these only writers that fit. Every table is
-bounded; what is malformed, unknown or too much is counted and leaves no trace. What is known of a
-peer ends with the peer's lease.
+Datagrams and time are the inputs, datagrams and samples the outputs. The participant receives only
+requested topics, and only from writers that fit. Every table is bounded. Malformed, unknown or
+excess input is counted and changes nothing else. A peer is forgotten when its lease ends.
 """
 
 from __future__ import annotations
@@ -40,51 +39,52 @@ from .wire_types import (
 from .writer import Writer
 
 FEW = 4
-"""Parts of a datagram that are not looked through for repeats."""
+"""A datagram with at most so many parts is not searched for repeats."""
 MOST_HEARD = 64
-"""Parts of a datagram that are for us and are heard. What is reliable of the rest comes again."""
+"""Parts of a datagram that are processed. Reliable writers send the rest again."""
 MAX_PEERS = 64
 RESERVED = 16
-"""Of them, for participants of hosts that were given as peers: strangers cannot fill the table."""
+"""Places kept for hosts that were configured as peers, so that strangers cannot fill the table."""
 MOST_CHANGES = 4
-"""Peers between two ticks that may leave, or change what they say of themselves. Whoever meets us costs
-as much as a hundred samples, and could do nothing else. What leaves unheard ends with its lease."""
+"""Peers that may leave or change their data between two ticks. Each meeting costs as much as a hundred
+samples, so a peer that repeats it could keep us busy. A peer whose farewell is refused ends with its
+lease."""
 EAGER = 20
-"""Announcements at the quick pace, before the steady one."""
+"""Number of announcements at the quick pace, before the steady pace."""
 EAGER_NS = 100_000_000
 STEADY_NS = 1_000_000_000
 
 OnSample = Callable[[memoryview, bytes, int], None]
-"""Payload with its encapsulation header (valid during the call), the writer's GUID, when it arrived
-(ns)."""
+"""Gets the payload with its encapsulation header (valid during the call), the GUID of the writer, and
+the time of arrival (ns)."""
 
 
 @dataclass(slots=True)
 class Counters:
-    """What became of what came in, and of what should have gone out."""
+    """Counts of received and dropped input, and of failed output."""
 
     datagrams: int = 0
-    malformed: int = 0  # datagrams, and discovery samples, that are not what they claim to be
-    unmatched: int = 0  # samples of writers that no reader here hears
-    strangers: int = 0  # announcements of participants that are none of ours to talk to
-    misplaced: int = 0  # datagrams in a peer's name, from where that peer is not
-    refused: int = 0  # peers, endpoints, changes and parts beyond what is taken; samples too long for their reader
-    unsent: int = 0  # datagrams that the network did not take
+    malformed: int = 0  # datagrams and discovery samples that could not be decoded
+    unmatched: int = 0  # samples of writers that match no reader here
+    strangers: int = 0  # announcements of participants that ``only`` excludes
+    misplaced: int = 0  # datagrams in a peer's name from an address that is not the peer's
+    refused: int = 0  # peers, endpoints, changes and parts beyond a bound; samples too long for their reader
+    unsent: int = 0  # datagrams that the network did not accept
 
 
 class _Peer:
     def __init__(self, data: ParticipantData, host: str, own_host: str, only: PeerAddress | None) -> None:
         self.data = data
-        self.host = host  # from where it was heard
+        self.host = host  # from which its announcement came
         self._only = only
-        # With several addresses it may speak from each that it named, from one of them.
+        # A peer with several addresses may send from each address that it announced.
         self._hosts = {host, *(its_host for its_host, _ in (*data.discovery, *data.user))}
         self.discovery = discovery.nearest(data.discovery, host, own_host)
         self.user = discovery.nearest(data.user, host, own_host)
         self.heard_ns = 0
 
     def is_at(self, sender: Address) -> bool:
-        """Return whether it speaks from there."""
+        """Return whether the peer may send from this address."""
         return sender[0] in self._hosts if self._only is None else self._only.holds(sender)
 
 
@@ -97,9 +97,17 @@ class Engine:
         on_match: Callable[[], object] = lambda: None,
         only: PeerAddress | None = None,
     ) -> None:
-        """``announce_to``: where strangers may be: the multicast group, the ports of configured
-        peers. ``on_match``: what is matched may have changed. Called often. ``only``: where a
-        participant has to be, and to be heard from, to become a peer."""
+        """Create the built-in endpoints. No datagram is sent before the first ``tick``.
+
+        Args:
+            data: Our own identity and addresses.
+            announce_to: Addresses at which unknown participants may listen: the multicast group and
+                the ports of configured peers.
+            send: Sends a datagram.
+            on_match: Called often, whenever a match may have changed.
+            only: The place at which a participant must be, and from which it must send, to become a
+                peer. None accepts all.
+        """
         self.data = data
         self.counters = Counters()
         self._own = data.prefix
@@ -110,7 +118,7 @@ class Engine:
         self._on_match = on_match
         self._only = only
         self._peers: dict[bytes, _Peer] = {}
-        self._changes = 0  # of peers, since the last tick
+        self._changes = 0  # of peers since the last tick
         self._matching = Matching(self._locate, on_match)
         self._reassembly = Reassembly()
         self._endpoints = 0
@@ -128,14 +136,14 @@ class Engine:
         return len(self._peers)
 
     def address_of(self, prefix: bytes) -> Address | None:
-        """Return where a peer is spoken to; None: it is not known."""
+        """Return the address to which data for a peer are sent, or None if it is unknown."""
         peer = self._peers.get(prefix)
         return None if peer is None else peer.user
 
     # -- our endpoints
 
     def writer(self, topic: str, type_name: str, reliable: bool, transient_local: bool, depth: int) -> Writer:
-        """Raise ``ValueError`` beyond ``MAX_ENTITIES``."""
+        """Create and announce a writer. Raise ``ValueError`` beyond ``MAX_ENTITIES``."""
         data = self._endpoint(writer_id, topic, type_name, reliable, transient_local)
         writer = Writer(data, self._send, depth)
         writer.is_known_to = _acknowledging(self._publications, PUBLICATIONS_READER)
@@ -152,7 +160,7 @@ class Engine:
         on_sample: OnSample,
         max_bytes: int = MAX_SAMPLE,
     ) -> Reader:
-        """As ``writer``."""
+        """Create and announce a reader. Raise as ``writer``."""
 
         def deliver(sample: Sample) -> None:
             if len(sample.payload) >= 4 and not sample.disposed:
@@ -189,16 +197,16 @@ class Engine:
 
         return Reader(_builtin(self._own, entity), self._send, deliver)
 
-    # -- what comes in
+    # -- input
 
     def receive(self, datagram: memoryview, sender: Address, now_ns: int) -> int:
-        """Take in one datagram. It may be used again when this returns.
+        """Process one datagram. The caller may reuse its buffer afterwards.
 
-        A name is no proof: anybody can read a participant's GUID. What counts in a peer's name has
-        come from where that peer is.
+        A GUID proves nothing, because every program on the network can read it. So a datagram in a
+        peer's name counts only if it comes from an address of that peer.
 
         Returns:
-            How many parts it has: what it has cost.
+            The number of its parts, as a measure of the time spent.
         """
         self.counters.datagrams += 1
         peer = self._peers.get(bytes(datagram[8 : messages.HEADER_SIZE]))
@@ -224,7 +232,7 @@ class Engine:
         return count
 
     def _on_part(self, part: Submessage, sender: Address, now_ns: int) -> bool:
-        """Return whether it was for somebody here."""
+        """Return whether the part was for an endpoint of ours."""
         matching = self._matching
         if isinstance(part, Data):
             return self._on_data(part, sender, now_ns)
@@ -233,7 +241,7 @@ class Engine:
             if writer is None:
                 return False
             writer.on_acknack(part)
-            self._on_match()  # who acknowledges us knows of us
+            self._on_match()  # the peer has acknowledged that our endpoint exists
             return True
         if isinstance(part, Fragment):
             return self._on_fragment(part, now_ns)
@@ -274,7 +282,7 @@ class Engine:
         if not readers:
             self.counters.unmatched += 1
             return False
-        # Before room is made for the whole of it.
+        # This check comes before memory is allocated for the whole sample.
         readers = [reader for reader in readers if part.total <= reader.max_bytes]
         if not readers:
             self.counters.refused += 1
@@ -290,7 +298,7 @@ class Engine:
                 reader.on_sample(part.sequence, sample)
         return True
 
-    # -- what peers say of themselves
+    # -- discovery
 
     def _on_participant(self, sample: Sample, sender: Address) -> None:
         prefix = sample.writer[:PREFIX_SIZE]
@@ -321,7 +329,7 @@ class Engine:
         self._meet(prefix, peer.discovery)
 
     def _meet(self, prefix: bytes, address: Address) -> None:
-        """Show ourselves at once, and what we write and read."""
+        """Announce ourselves to a new peer at once, with our writers and readers."""
         self._send((self._header, self._handshake), address)
         join = self._matching
         join.join_reader(self._publications, _builtin(prefix, PUBLICATIONS_READER), address)
@@ -330,8 +338,8 @@ class Engine:
         join.join_writer(self._heard_subscriptions, _builtin(prefix, SUBSCRIPTIONS_WRITER), address)
 
     def _move(self, prefix: bytes, data: ParticipantData) -> None:
-        """A peer is reached elsewhere now, or lives longer. What it writes and reads stays: a stop may
-        not wait until it has said that again."""
+        """Use the new addresses or lease of a peer. Its endpoints stay matched, because a stop must not
+        wait until the peer has announced them again."""
         known = self._peers[prefix]
         peer = self._peers[prefix] = _Peer(data, known.host, self._host, self._only)
         peer.heard_ns = known.heard_ns
@@ -385,8 +393,10 @@ class Engine:
     # -- time
 
     def tick(self, now_ns: int) -> None:
-        """Do what is due. Call it often (20 times a second), after what has arrived has been
-        received."""
+        """Send due announcements and heartbeats, and forget peers whose lease has ended.
+
+        Call it often (20 times a second), after ``receive`` has taken the waiting datagrams.
+        """
         self._changes = 0
         if not self._announced or now_ns - self._announced_ns >= (
             EAGER_NS if self._announced < EAGER else STEADY_NS
@@ -411,7 +421,7 @@ class Engine:
             self._send((self._header, self._handshake), address)
 
     def say_goodbye(self) -> None:
-        """Tell everybody that we end now."""
+        """Send every peer the message that this participant ends."""
         guid = self._own + PARTICIPANT
         key = discovery.encode_gone(guid, parameters.PARTICIPANT_GUID)
         farewell = messages.disposal(SPDP_READER, SPDP_WRITER, 2, guid, key)
@@ -426,9 +436,11 @@ class Engine:
 
 
 def _without_repeats(parts: list[Submessage]) -> list[Submessage]:
-    """Keep of the questions that one endpoint asks another the last one, which says all that those
-    before it say. Each is answered by a datagram, or by all samples that are asked for again: one
-    datagram full of them would keep us busy for a quarter of a second."""
+    """Keep only the last HEARTBEAT and ACKNACK from one endpoint to another.
+
+    The last one includes the earlier ones. Each is answered by a datagram, or by all requested
+    samples. So one datagram full of them would keep us busy for a quarter of a second.
+    """
     last = {(type(part), part.writer, part.reader): at for at, part in enumerate(parts)}
     return [
         part

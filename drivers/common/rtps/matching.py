@@ -1,7 +1,7 @@
-"""Who writes and reads what, here and elsewhere, and which of them fit. Pure.
+"""Match our writers and readers with those of other participants. Pure.
 
-Remote endpoints are remembered whether they fit or not, because ours may be made later than theirs
-are known; the table is bounded, and topics we have no part in give way first.
+All remote endpoints are kept, also those that do not fit, because ours may be created later. The
+table is bounded. When it is full, an endpoint of a topic that we do not use is removed first.
 """
 
 from __future__ import annotations
@@ -14,22 +14,23 @@ from .wire_types import PREFIX_SIZE, Address
 from .writer import Writer
 
 MAX_ENDPOINTS = 1024
-"""Of remote writers, and of remote readers."""
+"""Remote writers kept; also the number of remote readers."""
 
 MAX_MATCHED = 64
-"""Of one endpoint: each costs a datagram with every sample, or with every heartbeat that is due."""
+"""Matches of one endpoint. Each costs a datagram for every sample, or for every heartbeat that is
+due."""
 
 Locate = Callable[[EndpointData], Address | None]
-"""Where a remote endpoint is reached; None: nowhere, its participant is not known."""
+"""Returns the address of a remote endpoint, or None if its participant is unknown."""
 
 
 class Matching:
     def __init__(self, locate: Locate, changed: Callable[[], object]) -> None:
-        """``changed`` is told whenever something has been matched or unmatched."""
+        """``changed`` is called after each match and each removal of one."""
         self.writers: dict[bytes, Writer] = {}  # ours, by entity id
         self.readers: dict[bytes, Reader] = {}
         self.hearing: dict[bytes, tuple[Reader, ...]] = {}
-        """Our readers by the GUID of the remote writer they hear."""
+        """Our readers by the GUID of the remote writer that they receive from."""
         self._locate = locate
         self._changed = changed
         self._remote_writers: dict[bytes, EndpointData] = {}
@@ -61,7 +62,11 @@ class Matching:
     # -- theirs
 
     def learn_writer(self, remote: EndpointData) -> bool:
-        """A remote writer, new or told again. False: there is no room for it."""
+        """Add a remote writer, or update it if it is known.
+
+        Returns:
+            False if the table has no room for it.
+        """
         if not self._remember(self._remote_writers, remote, self.forget_writer):
             return False
         for reader in self.readers.values():
@@ -76,7 +81,7 @@ class Matching:
         return True
 
     def relocate(self, prefix: bytes) -> None:
-        """Reach a participant's endpoints where it is now."""
+        """Use the new address of a participant for its endpoints."""
         for guid, remote in self._remote_writers.items():
             if guid.startswith(prefix):
                 self.learn_writer(remote)

@@ -1,7 +1,7 @@
-"""The participant: an engine on its sockets, and the trio loop that serves them.
+"""Run a participant: an engine on its sockets, and the trio loop that serves them.
 
-Writing needs no loop: the sockets are open and ``Writer.write`` is an ordinary function. Where no
-task can run beside the caller, ``poll`` does one round of what ``run`` does for ever.
+Writing needs no loop, because the sockets are open and ``Writer.write`` is an ordinary function. If
+no task can run beside the caller, ``poll`` does one round of the work of ``run``.
 """
 
 from __future__ import annotations
@@ -27,30 +27,29 @@ from .writer import Writer
 
 TICK_S = 0.05
 LEASE_S = 10.0
-"""How long a peer believes in us without hearing of us."""
+"""How long a peer keeps us without receiving an announcement."""
 PORTS_ASKED = 10
-"""Of a peer given without a port: as many participants of its host are looked for."""
+"""Ports tried on the host of a peer that is given without a port."""
 DEPTH = 16
-"""Samples a reliable writer keeps for those who ask again."""
+"""Samples that a reliable writer keeps to send them again."""
 
 SLOW_NS = 10_000_000
-"""How often ``poll`` looks at more than user data."""
+"""Period in which ``poll`` serves all sockets, and not only user data."""
 FRESH_NS = 1_000_000
-"""Behind a datagram that came so lately there is hardly another one: looking for it costs more than
-taking it."""
+"""A datagram younger than this is most likely the last in its queue. Looking for another one costs
+more than receiving it."""
 
 _USER = 1
-"""Of the sockets, the one where user data arrives."""
+"""Index of the socket for user data."""
 _DATAGRAM = 65536
 _ROUND = 128
-"""Datagrams, and parts of them, that are taken from one socket before others get their turn."""
+"""Datagrams and their parts that are received from one socket before the next socket is served."""
 _ROUND_NS = 1_000_000
-"""The same, in time: some datagrams cost a hundred times as much as others (SAF-025)."""
+"""The same bound as a time, because some datagrams cost a hundred times as much as others (SAF-025)."""
 
 
 class Participant:
-    """Opened by its constructor; ``run`` serves it; ``close`` ends it. Not for use by two
-    threads."""
+    """A participant on open sockets. ``run`` serves it, ``close`` ends it. Use it in one thread."""
 
     def __init__(
         self,
@@ -62,12 +61,20 @@ class Participant:
         clock: Clock | None = None,
         only: str = "",
     ) -> None:
-        """``address``: the IPv4 address of ours to be reached at; it selects the interface.
-        ``peers``: ``host`` or ``host:port`` of participants to look for by unicast. ``only``: have
-        no other peers than the participants of this ``host``, or the one at ``host:port``, and hear
-        nothing in their names from elsewhere: on a network of many robots, whoever finds us would
-        hear what we write otherwise, and whoever claims to be the robot would be believed. Raise
-        ``ValueError`` for what cannot be meant, ``WireDown`` when the sockets cannot be had."""
+        """Open the sockets and send the first announcement.
+
+        Args:
+            address: Our IPv4 address for the peers. It selects the interface.
+            peers: ``host`` or ``host:port`` of participants to look for by unicast.
+            only: Accept only the participants of this ``host``, or the one at ``host:port``, as
+                peers, and drop datagrams in their names from other addresses. Without it, on a
+                network of many robots, any participant could read our samples, and any participant
+                that claims to be the robot would be believed.
+
+        Raises:
+            ValueError: An argument is not valid.
+            WireDown: The sockets cannot be opened.
+        """
         if not 0 <= domain <= wire_types.MAX_DOMAIN:
             raise ValueError(f"domain is {domain}. Give 0..{wire_types.MAX_DOMAIN}")
         if not is_host(address):
@@ -76,7 +83,7 @@ class Participant:
         if multicast:
             asked.insert(0, (wire_types.MULTICAST_GROUP, wire_types.multicast_port(domain)))
         self.trouble = ""
-        """Why the last datagram that could not be sent was not."""
+        """The last error of a socket."""
         self._clock = clock or MonotonicClock()
         self._buffer = bytearray(_DATAGRAM)
         self._view = memoryview(self._buffer).toreadonly()
@@ -84,7 +91,7 @@ class Participant:
         self._slow_ns = 0
         self._sockets = open_sockets(domain, address, multicast)
         self._out = self._sockets[0]
-        self._empty_ns = dict.fromkeys(self._sockets, self._clock.now_ns())  # when there was nothing to read
+        self._empty_ns = dict.fromkeys(self._sockets, self._clock.now_ns())  # when a read last found no datagram
         here = [sock.getsockname() for sock in self._sockets[:2]]
         prefix = wire_types.VENDOR + os.urandom(wire_types.PREFIX_SIZE - len(wire_types.VENDOR))
         data = ParticipantData(prefix, (here[0],), (here[1],), lease_s)
@@ -94,7 +101,7 @@ class Participant:
 
     @property
     def address(self) -> str:
-        """``host:port``, as another participant's ``peers`` takes it."""
+        """``host:port`` in the form of another participant's ``peers``."""
         host, port = self._engine.data.discovery[0]
         return f"{host}:{port}"
 
@@ -103,12 +110,12 @@ class Participant:
         return self._engine.data.prefix
 
     def address_of(self, prefix: bytes) -> Address | None:
-        """Return where a peer is spoken to; None: it is not known."""
+        """Return the address to which data for a peer are sent, or None if it is unknown."""
         return self._engine.address_of(prefix)
 
     @property
     def peers(self) -> int:
-        """Participants we know."""
+        """Number of known participants."""
         return self._engine.peers
 
     @property
@@ -124,7 +131,7 @@ class Participant:
         transient_local: bool = False,
         depth: int = DEPTH,
     ) -> Writer:
-        """Names as they are on the wire: ``rt/lowcmd``, ``unitree_hg::msg::dds_::LowCmd_``."""
+        """Create a writer. Give the names of the wire: ``rt/lowcmd``, ``unitree_hg::msg::dds_::LowCmd_``."""
         return self._engine.writer(topic, type_name, reliable, transient_local, depth)
 
     def reader(
@@ -137,13 +144,18 @@ class Participant:
         transient_local: bool = False,
         max_bytes: int = MAX_SAMPLE,
     ) -> Reader:
-        """``on_sample(payload, writer_guid, t_ns)`` is called from ``run`` or ``poll``. The
-        payload, with its encapsulation header, is valid during the call; what it raises ends
-        ``run``. A sample in fragments that would be longer than ``max_bytes`` is not begun."""
+        """Create a reader.
+
+        Args:
+            on_sample: Called from ``run`` or ``poll`` with ``(payload, writer_guid, t_ns)``. The
+                payload, with its encapsulation header, is valid during the call. An exception ends
+                ``run``.
+            max_bytes: Longer samples in fragments are dropped before they are assembled.
+        """
         return self._engine.reader(topic, type_name, reliable, transient_local, on_sample, max_bytes)
 
     async def wait_matched(self, *endpoints: Writer | Reader, n: int = 1) -> None:
-        """Until each of them has ``n`` counterparts. The caller sets the deadline."""
+        """Wait until each endpoint has ``n`` matches. The caller sets the deadline."""
         while any(endpoint.matched < n for endpoint in endpoints):
             await self._changed.park()
 
@@ -158,9 +170,11 @@ class Participant:
             task_status.started()
 
     def poll(self) -> None:
-        """Take what has arrived, do what is due, wait for nothing. Between two looks at everything
-        it takes user data alone, as far as the first that has just come: what is behind that waits
-        for the next call."""
+        """Process waiting datagrams and due work, without blocking.
+
+        All sockets are served every ``SLOW_NS``. The calls between receive user data only, and stop
+        after the first datagram younger than ``FRESH_NS``. Later ones wait for the next call.
+        """
         if not self._sockets:
             return
         now_ns = self._clock.now_ns()
@@ -174,14 +188,13 @@ class Participant:
             self._engine.tick(self._clock.now_ns())
 
     def close(self) -> None:
-        """Say goodbye, so that peers need not wait for the lease to end. Harmless when called
-        again."""
+        """Tell the peers, so that they need not wait for the lease to end. May be called again."""
         if not self._sockets:
             return
         self._engine.say_goodbye()
         sockets, self._sockets = self._sockets, ()
         for sock in sockets:
-            with contextlib.suppress(RuntimeError):  # no trio here: nobody waits for it either
+            with contextlib.suppress(RuntimeError):  # without trio no task waits for the socket
                 trio.lowlevel.notify_closing(sock)
             sock.close()
 
@@ -236,7 +249,7 @@ async def open_participant(
     lease_s: float = LEASE_S,
     clock: Clock | None = None,
 ) -> AsyncIterator[Participant]:
-    """A ``Participant`` that is served as long as the block lasts."""
+    """Open a ``Participant`` and serve it during the block."""
     participant = Participant(domain, address, peers, multicast, lease_s, clock)
     try:
         async with trio.open_nursery() as nursery:
@@ -249,7 +262,7 @@ async def open_participant(
 
 
 def _peer(text: str, domain: int) -> list[Address]:
-    """Return where to look for ``host`` or ``host:port``."""
+    """Return the addresses at which ``host`` or ``host:port`` may listen."""
     host, _, port = text.partition(":")
     if not is_host(host):
         raise ValueError(f"peer is {text!r}. Give an IPv4 address: 192.0.2.10 or 192.0.2.10:7410")

@@ -1,12 +1,15 @@
-"""A reader: which writers it hears, what it has of each, what it asks for again. Pure: time is an
-argument, answers leave through ``send``, samples through ``deliver``.
+"""Receive the samples of the matched writers, and request the missing ones.
 
-Best effort: a sample newer than the last is taken, all else is dropped. Reliable: in order and
-complete, as long as the writer still has it; what arrives too early waits, within bounds.
+Pure: time is an argument, answers leave through ``send``, samples through ``deliver``.
 
-A number far from the last one is believed only when the writer has been silent: one datagram that
-leaps by 2^40 would make every true sample behind it an old one. And it is believed in both
-directions, so that a writer is heard again even if somebody has spoken in its name first.
+Best effort: a sample newer than the last is delivered, all others are dropped. Reliable: samples
+are delivered in order and complete, as long as the writer still keeps them. Early samples wait,
+within bounds.
+
+A sequence number far from the last one is accepted only after the writer was silent. Otherwise one
+forged datagram with a leap of 2^40 would make every true sample after it look old. Such a leap is
+accepted in both directions. So the true writer is received again after another sender used its
+name.
 """
 
 from __future__ import annotations
@@ -20,28 +23,30 @@ from .messages import Gap, Heartbeat, Send
 from .wire_types import PREFIX_SIZE, Address
 
 WINDOW = 256
-"""Sequence numbers beyond the next one that are waited for; as many as an ACKNACK can name."""
+"""How far beyond the next sequence number a sample may be; as many as an ACKNACK can name."""
 MAX_WAITING = 1 << 20
 """Bytes of early samples, for each writer."""
 LEAP = WINDOW
-"""Numbers that may be missing between two samples of a writer that goes on speaking."""
+"""Numbers that may be missing between two samples of a writer that was not silent."""
 REORDERED = 16
-"""Numbers by which a network brings a sample late. What is older has been counted anew."""
+"""How many numbers late a network may deliver a sample. A number further back means that the writer
+has restarted its count."""
 SILENT_NS = 100_000_000
-"""Without a sample that continues the last: then the writer may go on at any number."""
+"""After so long without a sample that continues the count, any number is accepted."""
 ANEW_NS = 1_000_000_000
-"""The same, of a reliable writer that would count anew: what it had said may just be late."""
+"""The same for a reliable writer that seems to restart its count. It is longer, because an older
+message may just be late."""
 MAX_SAMPLE = 1 << 18
-"""Bytes of a sample in fragments, unless its reader says otherwise."""
+"""Largest size of a fragmented sample in bytes, by default."""
 GREETING_NS = 100_000_000
-"""Between requests for a first heartbeat."""
+"""Period of the requests for a first heartbeat."""
 
 
 class Sample(NamedTuple):
     payload: memoryview  # valid during the call that hands it over
     writer: bytes  # GUID
     t_ns: int  # when it arrived
-    disposed: bool  # no data: something has ended, and the payload or the key says what
+    disposed: bool  # no data: the payload or the key names the object that has ended
     key: bytes
 
 
@@ -49,16 +54,16 @@ Deliver = Callable[[Sample], None]
 
 
 class _Writer:
-    """A remote writer, seen from here."""
+    """The state of one remote writer."""
 
     def __init__(self, guid: bytes, address: Address) -> None:
         self.prefix = guid[:PREFIX_SIZE]
         self.entity = guid[PREFIX_SIZE:]
         self.address = address
-        self.next = 1  # the lowest number that has neither come nor been declared gone
-        self.heard_ns: int | None = None  # when something continued the numbers so far; None: never
-        self.early: dict[int, Sample | None] = {}  # None: will not come
-        self.waiting = 0  # bytes in it
+        self.next = 1  # the lowest number that was neither received nor declared gone
+        self.heard_ns: int | None = None  # when a message last continued the count; None: never
+        self.early: dict[int, Sample | None] = {}  # None: it was declared gone
+        self.waiting = 0  # bytes in ``early``
         self.serial: int | None = None  # of its last heartbeat
         self.answers = 0
 
@@ -72,9 +77,9 @@ class Reader:
         self.max_bytes = max_bytes
         self.mismatch = ""  # why the last writer of this topic did not fit
         self.is_known_to: Callable[[bytes], bool] = lambda prefix: True
-        """Whether a participant has acknowledged that we exist."""
-        self.lost = 0  # samples that a writer has sent and that never came
-        self.leaps = 0  # numbers that were not believed
+        """Return whether a participant has acknowledged that this reader exists."""
+        self.lost = 0  # samples that were sent and never received
+        self.leaps = 0  # messages dropped because their number was too far off
         self.entity = data.guid[PREFIX_SIZE:]
         self._deliver = deliver
         self._send = send
@@ -85,7 +90,7 @@ class Reader:
 
     @property
     def matched(self) -> int:
-        """Writers that fit and know of us: we hear what they write from now on."""
+        """Number of writers whose samples are received from now on."""
         return sum(
             self.is_known_to(writer.prefix) and (writer.serial is not None or not self._reliable)
             for writer in self._writers.values()
@@ -93,17 +98,17 @@ class Reader:
 
     @property
     def hosts(self) -> tuple[str, ...]:
-        """Return where the writers are that fit, each host once."""
+        """Return the hosts of the matched writers, each once."""
         return tuple(dict.fromkeys(writer.address[0] for writer in self._writers.values()))
 
-    # -- whom it hears
+    # -- matched writers
 
     def has_room(self, guid: bytes, most: int) -> bool:
-        """Return whether this writer is matched, or would be one of ``most``."""
+        """Return whether this writer is matched already, or fewer than ``most`` are."""
         return guid in self._writers or len(self._writers) < most
 
     def match(self, data: EndpointData, address: Address) -> None:
-        """``data`` is of this topic and fits. Told again, it may have moved."""
+        """Add a writer of this topic that fits. If it is known, update its address."""
         known = self._writers.get(data.guid)
         if known is not None:
             known.address = address
@@ -115,10 +120,10 @@ class Reader:
     def unmatch(self, guid: bytes) -> bool:
         return self._writers.pop(guid, None) is not None
 
-    # -- what it hears
+    # -- received messages
 
     def wants(self, guid: bytes, sequence: int, now_ns: int) -> bool:
-        """Return whether this sample would still be taken."""
+        """Return whether this sample would be accepted."""
         writer = self._writers.get(guid)
         if writer is None:
             return False
@@ -162,7 +167,7 @@ class Reader:
         greeted = writer.serial is not None
         writer.serial = part.serial
         writer.heard_ns = now_ns
-        if counts_anew:  # or another has spoken in its name
+        if counts_anew:  # or another sender has used its name
             writer.early.clear()
             writer.waiting = 0
             writer.next = part.first
@@ -197,7 +202,7 @@ class Reader:
         self._catch_up(writer)
 
     def tick(self, now_ns: int) -> None:
-        """Ask those for a heartbeat who have not sent any."""
+        """Request a heartbeat from each writer that has sent no heartbeat yet."""
         if not self._reliable or now_ns - self._greeted_ns < GREETING_NS:
             return
         self._greeted_ns = now_ns
@@ -206,7 +211,7 @@ class Reader:
                 self._greet(writer)
 
     def _skip_to(self, writer: _Writer, number: int) -> None:
-        """Everything below ``number`` that has not come will not come."""
+        """Deliver the early samples below ``number``, and give up the missing ones."""
         for early in sorted(early for early in writer.early if early < number):
             self._take(writer, early)
         writer.next = max(writer.next, number)

@@ -1,9 +1,10 @@
-"""A writer: what it has sent, who hears it, and what those who ask again get. Pure: time is an
-argument, datagrams leave through ``send``.
+"""Send samples to the matched readers, and send them again on request.
 
-Best effort keeps nothing. A reliable writer keeps its last samples; what fell out of these is
-declared gone. A reader that came late gets old samples only if both sides are transient-local;
-otherwise no sample is sent again once it was acknowledged.
+Pure: time is an argument, and datagrams leave through ``send``.
+
+A best-effort writer keeps nothing. A reliable writer keeps its last samples, and answers requests
+for older ones with a GAP. A reader that is matched late gets earlier samples only if both sides are
+transient-local. Otherwise an acknowledged sample is never sent again.
 """
 
 from __future__ import annotations
@@ -17,32 +18,36 @@ from .messages import FRAGMENT_SIZE, AckNack, Frame, Send
 from .wire_types import PREFIX_SIZE, UNKNOWN, Address, Buffer
 
 HEARTBEAT_NS = 50_000_000
-"""As long as a reader has not acknowledged everything."""
+"""Period of the heartbeats to a reader that has not acknowledged everything."""
 
 
 class _Reader:
-    """A remote reader, seen from here."""
+    """The state of one remote reader."""
 
     def __init__(self, data: EndpointData, address: Address, reliable: bool, late: bool, last: int) -> None:
-        """``late``: what has been written (up to ``last``) is none of its business."""
+        """``late``: do not send it samples that were written before (up to ``last``)."""
         self.prefix = data.guid[:PREFIX_SIZE]
         self.entity = data.guid[PREFIX_SIZE:]
         self.address = address
         self.reliable = reliable
         self.late = late
-        self.start = last + 1 if late else 1  # it gets nothing from before this one
+        self.start = last + 1 if late else 1  # the first sample that it may get
         self.acknowledged = self.start - 1
         self.serial: int | None = None  # of its last ACKNACK
 
 
 class Writer:
     def __init__(self, data: EndpointData, send: Send, depth: int | None) -> None:
-        """``depth``: samples kept, None for all (then the caller bounds them); unused for best
-        effort."""
+        """Create a writer without readers.
+
+        Args:
+            depth: Number of samples kept. None keeps all, and the caller must bound them. Unused
+                for best effort.
+        """
         self.data = data
         self.mismatch = ""  # why the last reader of this topic did not fit
         self.is_known_to: Callable[[bytes], bool] = lambda prefix: True
-        """Whether a participant has acknowledged that we exist."""
+        """Return whether a participant has acknowledged that this writer exists."""
         self._send = send
         self._prefix = data.guid[:PREFIX_SIZE]
         self._entity = data.guid[PREFIX_SIZE:]
@@ -54,41 +59,46 @@ class Writer:
         self._heartbeat_ns = 0
         self._readers: dict[bytes, _Reader] = {}
         self._addresses: tuple[Address, ...] = ()
-        self._parted: tuple[Address, ...] = ()  # of those that were there last, while there are none
+        self._parted: tuple[Address, ...] = ()  # of the last readers, while no reader is matched
 
     @property
     def has_parted(self) -> bool:
-        """Return whether nobody reads it any more who did. A stop is still sent to where they were."""
+        """Return whether all readers have left. A stop is still sent to their last addresses."""
         return bool(self._parted)
 
     @property
     def matched(self) -> int:
-        """Readers that fit and know of us: they hear what is written from now on."""
+        """Number of readers that receive every sample written from now on."""
         return sum(
             self.is_known_to(reader.prefix) and (reader.serial is not None or not reader.reliable)
             for reader in self._readers.values()
         )
 
     def acknowledged_by(self, guid: bytes) -> int:
-        """Return the sample up to which this reader has everything; 0 when it is no reader of
-        ours."""
+        """Return the number up to which this reader has all samples; 0 if it is not matched."""
         reader = self._readers.get(guid)
         return 0 if reader is None else reader.acknowledged
 
     @property
     def unacknowledged(self) -> int:
-        """Samples that some reliable reader has not confirmed yet."""
+        """Number of samples that at least one reliable reader has not acknowledged."""
         waiting = [reader.acknowledged for reader in self._readers.values() if reader.reliable]
         return self._sequence - min(waiting, default=self._sequence)
 
     def write(self, payload: Buffer) -> int:
-        """Send a sample, with its encapsulation header, to every reader. Returns how many addresses
-        took it."""
+        """Send a sample to every reader.
+
+        Args:
+            payload: The sample with its encapsulation header.
+
+        Returns:
+            The number of addresses for which the network accepted it.
+        """
         return self._write(payload, self._addresses)
 
     def write_stop(self, payload: Buffer) -> int:
-        """As ``write``; where no reader is left, send it to where the last ones were. Who said that they
-        have gone may be there all the same (SAF-022)."""
+        """As ``write``. If no reader is left, send to the addresses of the last ones. A reader that was
+        announced as gone may still be there (SAF-022)."""
         return self._write(payload, self._addresses or self._parted)
 
     def _write(self, payload: Buffer, addresses: Sequence[Address]) -> int:
@@ -107,21 +117,21 @@ class Writer:
         return taken
 
     def _write_fragments(self, payload: Buffer, addresses: Sequence[Address]) -> int:
-        """An address has taken it if it took every piece."""
+        """Send all pieces. An address counts only if the network accepted every piece."""
         taken = dict.fromkeys(addresses, True)
         for piece in messages.fragments(UNKNOWN, self._entity, self._sequence, payload):
             for address in addresses:
                 taken[address] &= self._send((self._header, piece), address)
         return sum(taken.values())
 
-    # -- who hears it
+    # -- matched readers
 
     def has_room(self, guid: bytes, most: int) -> bool:
-        """Return whether this reader is matched, or would be one of ``most``."""
+        """Return whether this reader is matched already, or fewer than ``most`` are."""
         return guid in self._readers or len(self._readers) < most
 
     def match(self, data: EndpointData, address: Address) -> None:
-        """``data`` is of this topic and fits. Told again, it may have moved."""
+        """Add a reader of this topic that fits. If it is known, update its address."""
         known = self._readers.get(data.guid)
         if known is not None:
             known.address = address
@@ -153,7 +163,7 @@ class Writer:
 
     @property
     def sequence(self) -> int:
-        """Of the last sample."""
+        """Sequence number of the last sample."""
         return self._sequence
 
     def on_acknack(self, part: AckNack) -> None:
@@ -162,12 +172,12 @@ class Writer:
             return
         if part.serial is not None:
             if part.serial == reader.serial:
-                return  # the network's copy of the last one
+                return  # a duplicate made by the network
             reader.serial = part.serial
         reader.acknowledged = max(reader.acknowledged, min(part.base - 1, self._sequence))
         if reader.late:
-            # One that forgot us (we were silent for longer than our lease) asks for everything: not
-            # twice.
+            # A reader forgets us when we are silent for longer than our lease. It then requests
+            # everything again, and must not get a sample twice.
             reader.start = reader.acknowledged + 1
         first = max(reader.start, self._first())
         missing = [number for number in part.missing if number <= self._sequence]
@@ -180,7 +190,7 @@ class Writer:
             self._beat(reader, final=True)
 
     def tick(self, now_ns: int) -> None:
-        """Remind those who have not acknowledged everything, or have never said a word."""
+        """Send a heartbeat to readers that lack an acknowledgement or have sent no ACKNACK yet."""
         if self._kept is None or now_ns - self._heartbeat_ns < HEARTBEAT_NS:
             return
         self._heartbeat_ns = now_ns
@@ -189,7 +199,7 @@ class Writer:
                 self._beat(reader, final=False)
 
     def _first(self) -> int:
-        """Return the oldest sample kept; one past the last if there is none."""
+        """Return the number of the oldest kept sample, or one past the last if no sample is kept."""
         return self._sequence + 1 - len(self._kept or ())
 
     def _resend(self, reader: _Reader, sequence: int) -> None:
@@ -212,7 +222,7 @@ class Writer:
 
 
 def _spans(numbers: Iterable[int]) -> list[tuple[int, int]]:
-    """Ascending numbers as ``start <= n < end``."""
+    """Return ascending numbers as ranges ``start <= n < end``."""
     found: list[tuple[int, int]] = []
     for number in numbers:
         if found and found[-1][1] == number:
