@@ -18,7 +18,7 @@ PESTER_S = 0.01
 
 
 class Liar(Actor):
-    """Reports that the robot is safe, whatever its state is."""
+    """Always reports that the robot is safe."""
 
     def receive(self, message: Stop | Resume) -> StopReport | None:
         if isinstance(message, Resume):
