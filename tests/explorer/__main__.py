@@ -1,5 +1,4 @@
-"""``python -m tests.explorer``: search for a seed that breaks a promise, or replay
-one."""
+"""``python -m tests.explorer``: search for a seed that breaks a promise, or replay one."""
 
 from __future__ import annotations
 
@@ -42,11 +41,11 @@ def main(
     else:
         code = search(range(first, first + seeds), robot, jobs, keep_going)
     sys.stdout.flush()
-    os._exit(code)  # of what killed processes left behind nothing is cleaned up: see ``search``
+    os._exit(code)  # Do not clean up the remains of killed processes: see ``search``.
 
 
 def search(seeds: range, robot: str, jobs: int, keep_going: bool) -> int:
-    """Return how the command ends: 1 when a promise was broken."""
+    """Return the exit code: 1 if a promise was broken."""
     failed: list[Result] = []
     began_s = time.monotonic()
     columns = (
@@ -74,7 +73,8 @@ def search(seeds: range, robot: str, jobs: int, keep_going: bool) -> int:
 
 
 def progress_text(done: int, of: int, passed_s: float) -> str:
-    """Since the beginning: results come by the dozen, and what the last ones took tells nothing."""
+    """Return the progress. The rate is the average since the beginning, because results come by the dozen
+    and a shorter average would jump."""
     left = timedelta(seconds=round((of - done) * passed_s / done))
     return f"{done / passed_s:.1f} seeds/s, {left} left"
 

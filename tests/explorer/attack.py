@@ -1,5 +1,5 @@
-"""A policy process that lies: it calls itself the gate, resumes, and takes its caller's lease by
-name."""
+"""A hostile policy process: it pretends to be the gate, sends ``Resume``, and requests its caller's lease
+in the caller's name."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ PESTER_S = 0.01
 
 
 class Liar(Actor):
-    """Says that the robot is safe."""
+    """Always reports that the robot is safe."""
 
     def receive(self, message: Stop | Resume) -> StopReport | None:
         if isinstance(message, Resume):
@@ -27,7 +27,7 @@ class Liar(Actor):
 
 
 def attack(net: Net) -> None:
-    """Have the policy process do so, if there is one."""
+    """Start the attack in the policy process, if there is one."""
     for session in net.sessions:
         if session.network == "policy" and not session.process.dead and session.process.role == "policy":
             session.process.post(lambda session=session: _lie(session))  # type: ignore[misc]
@@ -40,8 +40,8 @@ def _lie(session: SimMesh) -> None:
 
 
 async def _pester(session: SimMesh) -> None:
-    """Over the session that it was given for its rollout, past its own node, which takes the liar
-    for the gate."""
+    """Send the forged requests over the session of the rollout. They bypass the policy's node, where the
+    liar has the gate's address."""
     gate = addresses.of("explored").gate
     number = 1 << 40
     while True:

@@ -1,6 +1,6 @@
-"""The unitree_go2 of the explorer: the twin's own computer and its motors, on a network in memory.
+"""The unitree_go2 of the explorer: the twin's onboard computer and its motors, on a network in memory.
 
-Its sport mode has been released: its joints do as they are told, and keep doing so.
+Its sport mode has been released, so its joints carry out each command and keep doing so.
 """
 
 from __future__ import annotations
@@ -22,17 +22,17 @@ from .world import World
 HOST = "127.0.0.9"
 OURS = "127.0.0.1"
 TICK_S = 0.01
-"""Between its states. A real one says five times as many."""
+"""Period of the state messages. A real robot sends five times as many."""
 LATE_S = 0.02
 SHARE = 0.3
-"""Of datagrams that are lost, doubled, or spoiled."""
+"""Share of the datagrams that are lost, doubled, or spoiled."""
 EMPTY_PCT = 5
 FULL_PCT = 80
 WEIGHT_NM = 5.0
-"""What a motor gives that carries its share of the robot."""
+"""Torque of a motor that carries its share of the robot."""
 STEP_RAD = 0.02
 
-# By name, as the registry loads drivers.
+# Loaded by name, as the registry loads drivers.
 Go2: Any = load("strands_actors.drivers.unitree.driver:Go2Driver")
 Onboard: Any = load("strands_actors.drivers.unitree.twin.onboard:Onboard")
 safe_state_of: Any = load("strands_actors.drivers.unitree.twin:safe_state_of")
@@ -49,7 +49,7 @@ TABLES: Any = load("strands_actors.drivers.unitree.robots:TABLES")
 
 
 class LegActions:
-    """Gives one hip an angle that no other action has; a thigh swings."""
+    """Actions with a different angle of one hip each, while a thigh swings."""
 
     def __init__(self, rng: random.Random) -> None:
         self._rng = rng
@@ -67,10 +67,10 @@ class LegActions:
 
 
 class Legs:
-    """The body: joints go where a motor with stiffness pulls them, and stay otherwise."""
+    """The body: a joint moves where a motor with stiffness pulls it, and otherwise stays."""
 
     def __init__(self, home_rad: Sequence[float], most: Sequence[tuple[float, float]]) -> None:
-        """``most``: torque and speed of each."""
+        """Stand up. ``most`` is the greatest torque and speed of each joint."""
         self.home_rad = list(home_rad)
         self._most = most
         self.time_s = 0.0
@@ -113,7 +113,7 @@ class Legs:
 
 
 class LeggedRobot(RobotModel):
-    """A unitree_go2. Energised is a joint that gives torque, were it only to brake."""
+    """A unitree_go2. A joint counts as energised if it gives torque, even if only to brake."""
 
     PORT = f"{HOST}:7410"
     KEEPS_TORQUE_BY_RESUME = False
@@ -153,7 +153,7 @@ class LeggedRobot(RobotModel):
         return key == "FR_hip_joint"
 
     def held_between(self, motor: int, frame: Frame) -> tuple[float, float]:
-        """Without stiffness nothing is pulled anywhere."""
+        """Return no range, because a joint without stiffness is not pulled."""
         return 0.0, 0.0
 
     def seams(self) -> tuple[Seam, ...]:
@@ -197,7 +197,7 @@ class LeggedRobot(RobotModel):
         self.onboard.soc = FULL_PCT
 
     def wake_up(self) -> None:
-        """With its sport mode released, lying: whoever commands its joints may."""
+        """Start lying, with the sport mode released, so that any client may command the joints."""
         self.onboard.reset()
         self.onboard.mode = ""
         self.body.drive(*((0.0,) * len(self._motors),) * 5)

@@ -1,4 +1,4 @@
-"""Links and meshes between simulated processes: the same frames, refusals and permissions, in
+"""Links and meshes between simulated processes, with the real frames, refusals and permissions, in
 simulated time."""
 
 from __future__ import annotations
@@ -20,13 +20,13 @@ from strands_actors.kernel.node import Node, Unreachable
 from .world import Process, World
 
 SOCKET_BYTES = 208 * 1024 + 256 * 1024
-"""What a frozen peer's socket and ``Link``'s backlog hold together."""
+"""Capacity of a frozen peer's socket and of ``Link``'s backlog together."""
 
 KINDS = ("tell", "ask", "reply", "watch", "down", "hosts")
 
 
 class Socket:
-    """One end of a socket pair: ordered, complete, and ended by the death of either side."""
+    """One end of a socket pair. It keeps the order, loses nothing, and ends when either process ends."""
 
     def __init__(self, process: Process) -> None:
         self.process = process
@@ -51,7 +51,7 @@ class Socket:
         return True
 
     def hang_up(self) -> None:
-        """This end is closed: the other one reads what is there, then the end."""
+        """Close this end. The peer reads the frames that are queued for it, then the end."""
         self.ended = True
         for _, descriptors in self.queue:
             for fd in descriptors:
@@ -74,7 +74,7 @@ def socket_pair(one: Process, other: Process) -> tuple[Socket, Socket]:
 
 
 class SimLink:
-    """Takes the place of ``Link``, on a ``Socket``."""
+    """Replaces ``Link``, on a ``Socket``."""
 
     def __init__(
         self,
@@ -123,7 +123,7 @@ class SimLink:
     def send(self, to: str, data: bytes, descriptors: tuple[int, ...] = (), urgent: bool = False) -> bool:
         if self.closed:
             return False
-        if descriptors:  # their numbers are this system's
+        if descriptors:  # Their numbers differ from run to run, so the frame is not recorded.
             self._socket.process.world.note(self._socket.process.role, "hands over", f"{len(descriptors)}")
         else:
             _note(self._socket.process, data)
@@ -137,8 +137,11 @@ class SimLink:
 
 
 class Net:
-    """Zenoh between the processes of one host. Messages of one sender and lane keep their order; an
-    urgent one may overtake; while a process is ``cut`` off, what it sends and is sent is lost."""
+    """Zenoh between the processes of one host.
+
+    Messages of one sender and lane keep their order. An urgent one may overtake. All messages to and from
+    a process in ``cut`` are lost.
+    """
 
     def __init__(self, world: World) -> None:
         self.world = world
@@ -159,7 +162,7 @@ class Net:
         session.process.at_end.append(lambda: self.leave(session))
 
     def leave(self, session: SimMesh) -> None:
-        """Its tokens go: the others of its network are told, unless they are cut off."""
+        """Remove a session. The other sessions of its network notice it, unless they are cut off."""
         if session not in self.sessions:
             return
         self.sessions.remove(session)
@@ -184,7 +187,7 @@ class Net:
 
 
 class SimMesh:
-    """Takes the place of ``ZenohMesh``. A policy's endpoint is apart from the mesh of the user."""
+    """Replaces ``ZenohMesh``. A policy's endpoint is separate from the user's mesh."""
 
     net: Net
 
@@ -218,7 +221,8 @@ class SimMesh:
 
     @channel.setter
     def channel(self, channel: Channel | None) -> None:
-        """Operators, who come by the gateway, stand beside the caller here."""
+        """Set the channel. On the user's network it accepts any sender: operators normally come by the
+        gateway, but share the caller's mesh here."""
         if channel is not None and self.network == "user":
             channel = channel._replace(hosts=None)
         self._channel = channel
@@ -236,10 +240,10 @@ class SimMesh:
     async def let_guests_in(
         self, listen: Sequence[str], channel: Channel, addresses: Sequence[str], show: str
     ) -> None:
-        """Nothing to do: in a simulation nobody visits."""
+        """No-op: a simulation has no guests."""
 
     def addresses(self) -> list[str]:
-        """Return what is reached by this session."""
+        """Return the addresses that this session reaches."""
         return [self._address] if self._address else [self.node.address, *self.node.cells]
 
     def lose(self, addresses: Sequence[str]) -> None:
@@ -293,10 +297,10 @@ class SimMesh:
         raise Unreachable("simulated processes have no threads")
 
     def forget(self, to: str, why: str) -> None:
-        """Nothing to do: no thread asks."""
+        """No-op: no thread sends requests."""
 
     def announce(self, address: str, hosted: bool) -> None:
-        """Nothing to do: delivery looks the address up."""
+        """No-op: each delivery looks the address up."""
 
     def close(self) -> None:
         self.net.leave(self)
@@ -310,7 +314,7 @@ def _note(process: Process, data: bytes) -> None:
 
 
 def told(data: bytes) -> str:
-    """Return a frame for people."""
+    """Return a frame as text for people."""
     head = decode_frame(data)
     if KINDS[head.kind] == "hosts":
         return f"hosts {head.sender}"

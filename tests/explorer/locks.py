@@ -1,4 +1,4 @@
-"""The disk that keeps the locks of e-stops, in memory: it outlives a tree as the real one does."""
+"""The locks of e-stops, kept in memory. They survive the end of a tree, as files on a disk do."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from strands_actors.supervisors.root.locks import Lock
 
 
 class SimLocks:
-    """Takes the place of ``Locks``. ``disk``: of the present run."""
+    """Replaces ``Locks``. ``disk`` holds the locks of the present run."""
 
     disk: ClassVar[dict[str, str]] = {}
 

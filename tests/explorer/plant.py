@@ -1,7 +1,7 @@
-"""Joints that turn towards their targets at their greatest speed, and stay where they are without
+"""Joints that turn towards their targets at their greatest speed, and keep their position without
 torque.
 
-No gravity, no inertia: what the tree can see of a joint is where it is and how fast it turns there.
+They have no gravity and no inertia, since the tree sees only the position and the speed of a joint.
 """
 
 from __future__ import annotations
@@ -9,11 +9,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 SPEED_RAD_S = 5.8
-"""Of an STS3215 without load [assumed]."""
+"""Speed of an STS3215 without load [assumed]."""
 
 
 class Joints:
-    """Has what a servo's twin asks of its plant."""
+    """The attributes and methods that a servo's twin needs of its plant."""
 
     def __init__(self, names: Sequence[str], speed_rad_s: float = SPEED_RAD_S) -> None:
         self._speed_rad_s = speed_rad_s
@@ -53,4 +53,4 @@ class Joints:
         self._stuck[index] = stuck
 
     def set_effort_share(self, index: int, share: float) -> None:
-        """Nothing pushes back here."""
+        """No-op: these joints have no load."""

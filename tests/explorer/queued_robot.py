@@ -1,8 +1,7 @@
-"""A robot whose service answers "taken" at once and acts later: power-on lies in a queue, which no
-later request empties. A stop is carried out at once.
+"""A robot that acknowledges a power-on at once and carries it out later, from a queue.
 
-So a stop that comes while a power-on is queued finds motors that are off, and they are switched on
-after it.
+No later request empties the queue, and a stop is carried out at once. So a stop can come while a
+power-on is queued. The motors are then off at the stop, and are switched on after it.
 """
 
 from __future__ import annotations
@@ -21,7 +20,7 @@ from tests import fake_kinds
 from .service_robot import ALL, NotingPeer, ServiceRobot
 
 QUEUE_S = 0.3
-"""Longest time that a request lies in the queue."""
+"""Longest time that a request waits in the queue."""
 LOOK_S = 0.01
 FASTEST = 0.5
 
@@ -37,7 +36,7 @@ class QueueWire(fake_kinds.KindWire):
         return {"on": True}
 
     async def _switch_on(self, permit: Permit) -> None:
-        """Ask for power, and wait until it is there. Raise ``WireDown`` when it does not come."""
+        """Request power, and wait until it is on. Raise ``WireDown`` if it does not come on."""
         peer: Any = self._peer
         await self._ask()
         permit.check()
@@ -50,7 +49,7 @@ class QueueWire(fake_kinds.KindWire):
 
 
 class FakeQueue(fake_kinds._Kind):
-    """Rolls on as it was last told, as ``FakeBase``."""
+    """Continues its last command without end, as ``FakeBase`` does."""
 
     SUPPORTED_ROBOTS: ClassVar[tuple[str, ...]] = ("fake_queue",)
     WIRE: ClassVar[str] = "tests.explorer.queued_robot:QueueWire"
@@ -74,7 +73,7 @@ class FakeQueue(fake_kinds._Kind):
 
 class QueuePeer(NotingPeer):
     def queue_power(self) -> None:
-        """Take a request for power, and act on it later."""
+        """Queue a request for power, and switch the motors on later."""
         world = self._model.world
         if not self.reachable:
             return

@@ -1,4 +1,4 @@
-"""The robots that are modelled, one of each kind of wire."""
+"""The modelled robots, one for each kind of wire."""
 
 from __future__ import annotations
 

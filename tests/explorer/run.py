@@ -1,4 +1,4 @@
-"""One run: the tree, who asks, what befalls it, and the end that every run has."""
+"""One run of the explorer: a tree, its callers, the events of the plan, and the end of the run."""
 
 from __future__ import annotations
 
@@ -33,11 +33,12 @@ from .seams import seams
 from .world import World
 
 LAST_S = BOOT_S + ACTIVE_S + 0.2
-"""When everything is mended and the caller is killed, if it still lives."""
+"""When all faults are ended, and the caller is killed if it still runs."""
 
 
 class Run:
-    """``go`` it once; whoever does keeps it: nothing of it may be collected (see ``search``)."""
+    """One run. Call ``go`` once, and keep the object: none of its parts may be garbage-collected (see
+    ``search``)."""
 
     def __init__(self, plan: Plan) -> None:
         self.plan = plan
@@ -94,8 +95,8 @@ class Run:
         ]
 
     def _restart(self) -> None:
-        """The script is killed, and started again when its tree has ended, half a second later at
-        the latest."""
+        """Kill the script. Start it again after half a second, or when its tree has ended if that takes
+        longer."""
         caller = self.world.find(CALLER)
         self.world.restarts += 1
         if caller is not None:
@@ -104,8 +105,8 @@ class Run:
 
     def _start_again(self) -> None:
         if not self.world.restarts:
-            return  # the world ends
-        if self.world.find("root") or self.world.find("standby"):  # its name and port are taken
+            return  # The run ends.
+        if self.world.find("root") or self.world.find("standby"):  # They still have its name and port.
             self.world.after(0.1, self._start_again)
             return
         self.world.restarts -= 1
@@ -113,7 +114,7 @@ class Run:
         self._start_asker(CALLER, self._asks(CALLER, now_s))
 
     def _start_root(self, caller: str) -> tuple[SimChild, memoryview]:
-        """Return it, and the page that its processes share."""
+        """Start the root. Return its process, and the page that the tree's processes share."""
         world, model = self.world, self.model
         page = new_page()
         words = world.pages[os.fstat(page).st_ino] = private_page()
@@ -147,10 +148,10 @@ class Run:
         ahead = root.Ahead(SimSpawner(starter), SimAhead(starter), SimAhead(starter), args["page"])  # type: ignore[arg-type]
         await root._main(args, sock, ahead)  # type: ignore[arg-type]
 
-    # -- what befalls it
+    # -- the events of the plan
 
     def _befall(self, event: Event) -> None:
-        """Do it now, or at the moment of its victim that it waits for."""
+        """Begin an event now, or at the moment of its victim that the plan names."""
         begin, end = self._effect(event)
         victim = self.world.find(event.who)
 
@@ -171,7 +172,7 @@ class Run:
         end()
 
     def _effect(self, event: Event) -> Effect:
-        """What happens, and how it is undone."""
+        """Return functions that begin and end an event."""
         victim = self.world.find(event.who)
         of_the_wire = self.model.effect(event)
         if of_the_wire is not None:
@@ -201,7 +202,7 @@ class Run:
         raise ValueError(f"{event.kind} is no event")
 
     def _mend(self) -> None:
-        """So that what is wrong afterwards is the tree's."""
+        """End all faults, so that the tree is the cause of any problem after this."""
         self.world.note("plan", "everything is mended")
         self.world.restarts = 0
         self.model.mend()
@@ -217,4 +218,4 @@ class Run:
 _DONE_TO = frozenset(
     {"kill", "freeze", "lag", "cut mesh", "slow mesh", "slow spawner", "restart", "attack", *EXHAUSTION}
 )
-"""Kinds of which ``who`` is the victim."""
+"""Kinds of events in which ``who`` is the victim."""

@@ -1,7 +1,7 @@
-"""The script that starts a simulated tree, by the product's own code for callers.
+"""The script that starts a simulated tree, with the product's code for callers.
 
-Its verbs are those of ``RobotTree``, and their answers become the envelopes that a user reads: an
-invariant compares each envelope that says success with the robot.
+It calls the verbs of ``RobotTree``, and their answers become the envelopes that a user reads. An
+invariant compares each envelope that reports success with the robot.
 """
 
 from __future__ import annotations
@@ -40,8 +40,8 @@ TASK_S = 10.0
 
 
 class SimProcesses(TreeProcesses):
-    """The caller's end of the processes. The root starts in the simulation; all that is decided
-    about it is decided by ``TreeProcesses``."""
+    """The caller's end of the processes. The root starts in the simulation; ``TreeProcesses`` makes all
+    other decisions about it."""
 
     start_root: Callable[[str], tuple[SimChild, memoryview]]
 
@@ -67,7 +67,7 @@ class SimProcesses(TreeProcesses):
 
 
 class Script(Asker):
-    """``style``: what it does by itself, as in ``Plan``."""
+    """The simulated script. ``style`` selects its actions outside of the plan's events, as in ``Plan``."""
 
     def __init__(
         self,
@@ -96,7 +96,7 @@ class Script(Asker):
         self.nursery.start_soon(self._by_itself)
 
     async def _by_itself(self) -> None:
-        """Connect, energise, move: once."""
+        """Connect, energise and move once."""
         rests = self.style == "rest"
         if await self._tree.connect(arm=not rests) is not None or rests or self._stopped:
             return
@@ -135,7 +135,7 @@ class Script(Asker):
                 await super().do(event)
 
     async def _answered(self, name: str, verb: verbs.Verb, *args: Any) -> Answer:
-        """Run a verb as ``Robot`` does, and keep its envelope."""
+        """Run a verb as ``Robot`` does, and record its envelope."""
         asked_s = self.world.now_s
         answer = await verbs.answered(name, verb, self._tree, *args)
         self.world.conversation.told.append(
@@ -180,7 +180,7 @@ async def _estop(tree: RobotTree) -> Answer:
 
 
 async def _clean_up(tree: RobotTree) -> Answer:
-    """As ``RealRobot.cleanup``, which waits in a thread for what is awaited here."""
+    """As ``RealRobot.cleanup``, which waits in a thread for the same coroutine."""
     result = await tree.cleanup()
     handle = object.__new__(RealRobot)
     handle.__dict__.update(_opened=tree, _pid=os.getpid(), _call=lambda verb: result)

@@ -1,8 +1,8 @@
-"""The ur5e of the explorer, commanded by our own control script: the twin's controller runs the text
-that the driver uploads, line by line, and an RTDE connection writes its registers.
+"""The ur5e of the explorer, commanded by the driver's control script.
 
-Its power to move arrives late, as with ur-rtde (``upload_arm``): the script lies in buffers, and is then
-compiled.
+The twin's controller runs the text that the driver uploads, line by line, and an RTDE connection writes
+its registers. The arm is energised late, as with ur-rtde (``upload_arm``): the script waits in buffers,
+and is then compiled.
 """
 
 from __future__ import annotations
@@ -39,14 +39,14 @@ class ScriptArm(UploadArm):
         return super()._accept(stream)
 
     def take_script(self, text: bytes, piece: Piece) -> None:
-        """What is uploaded is read later than what stops."""
+        """Read an uploaded program late, and a stop at once."""
         late_s = ON_ITS_WAY_S * self.rng.random() if text.startswith(b"def ") else 0.0
         self.world.after(late_s, lambda: super(ScriptArm, self).take_script(text, piece))
 
 
 class _RegisterClient(SampleClient):
-    """Of an RTDE client that may write registers. More than one may, here: the twin's own server has one
-    writer for each, in tests with processes."""
+    """The robot's end of an RTDE client that may write registers. Several clients may do so here. In tests
+    with processes, the twin's server allows one writer for each register."""
 
     KINDS: Mapping[int, tuple[str, str]] = {
         script.Order.SERVO: ("setpoint", ""),

@@ -1,8 +1,8 @@
-"""A serial adapter in memory: open files, duplicates of their descriptors, an exclusive lock, a
-cable to pull.
+"""A serial adapter in memory: open files, duplicates of their descriptors, an exclusive lock, a cable
+to pull.
 
-Descriptors are real ones of this system (of an empty file in memory each), so that the code that
-duplicates, sends and closes them runs as it is.
+Descriptors are real (each of an empty file in memory), so that the code that duplicates, sends and
+closes them runs unchanged.
 """
 
 from __future__ import annotations
@@ -20,12 +20,12 @@ from .exhaustion import open_file
 from .world import Process, World
 
 Peer = Callable[[bytes, "str"], Iterable[tuple[float, bytes]]]
-"""Bytes that a process (by its role) writes, to (seconds until it has arrived, bytes of a
-reply)."""
+"""Called with the bytes that a process writes and with its role. Returns replies: seconds until each
+arrives, and its bytes."""
 
 
 class OpenFile:
-    """What ``open`` makes and ``dup`` shares."""
+    """An open file, which duplicates of its descriptor share."""
 
     def __init__(self) -> None:
         self.coming: list[tuple[float, int, bytes]] = []
@@ -46,7 +46,7 @@ class SerialLine:
         self._files: dict[int, OpenFile] = {}  # by inode
         self._open: OpenFile | None = None
 
-    # -- what the tree does
+    # -- calls of the tree
 
     def open(self, path: str, baud: int) -> SimPort:
         """As ``open_serial``."""
@@ -71,7 +71,7 @@ class SerialLine:
             if handle is not port:
                 handle.process.post(handle.rouse)
 
-    # -- what happens to the cable
+    # -- the cable
 
     def pull(self) -> None:
         self.plugged = False
@@ -86,7 +86,7 @@ class SerialLine:
 
 
 class SimPort:
-    """A ``BytePort``. It dies with its process, as descriptors do."""
+    """A ``BytePort``. It ends with its process, as descriptors do."""
 
     def __init__(self, line: SerialLine, file: OpenFile, fd: int, process: Process, owner: bool) -> None:
         self.line = line

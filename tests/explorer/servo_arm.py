@@ -21,7 +21,7 @@ BAUD = 1_000_000
 BYTE_S = 10 / BAUD
 STS3215 = 777
 
-# By name, as the registry loads drivers.
+# Loaded by name, as the registry loads drivers.
 FeetechBus: Any = load("strands_actors.drivers.feetech.twin:FeetechBus")
 Feetech: Any = load("strands_actors.drivers.feetech.driver:Feetech")
 FeetechWire: Any = load("strands_actors.drivers.feetech.wire:FeetechWire")
@@ -34,7 +34,7 @@ TABLES: Any = load("strands_actors.drivers.feetech.robots:TABLES")
 
 @dataclass
 class Trouble:
-    """What is wrong with the bus now."""
+    """The present faults of the bus."""
 
     replies_lost: bool = False
     requests_lost: bool = False
@@ -45,15 +45,14 @@ class Trouble:
 
 
 TOLERATED_COUNTS = 34
-"""3 degrees: so far behind where it is may a hold place a joint. A position counts as known within
-a degree."""
+"""3 degrees: largest distance between the goal of a hold and the joint's position. A measured position
+may be off by one degree."""
 SWEEP_DEG = 4.5
-"""A setpoint further, for one joint: 135 degrees a second."""
+"""Step of one joint from setpoint to setpoint: 135 degrees a second."""
 
 
 class ArmActions:
-    """Gives each setpoint joint angles that no other has: a frame on the wire tells which setpoint
-    it is."""
+    """Actions with unique joint angles, so that a frame on the wire identifies its setpoint."""
 
     def __init__(self, rng: random.Random) -> None:
         self._rng = rng
@@ -105,7 +104,7 @@ class ServoArm(RobotModel):
 
     @property
     def torque(self) -> frozenset[int]:
-        """Which motors have torque, by their registers."""
+        """The motors with torque, by their registers."""
         return frozenset(servo.id for servo in self.bus.servos if servo.get(self._torque))
 
     def actions(self) -> ArmActions:
@@ -163,13 +162,13 @@ class ServoArm(RobotModel):
         self.line.put_back()
 
     def unload(self, motor: int) -> None:
-        """A servo protects itself: its torque is gone."""
+        """Make a servo protect itself, so that it has no torque."""
         servo = self._servo(motor)
         servo.write(self._torque.address, b"\0")
         self._log_torque()
 
     def brown_out(self, motor: int) -> None:
-        """A dip of its supply: it begins anew."""
+        """Restart a servo, as after a dip of its supply."""
         self.bus.pass_time()
         self._servo(motor).power_cycle()
         self._log_torque()
@@ -241,7 +240,7 @@ class ServoArm(RobotModel):
         self.world.note("wire", role, what)
 
     def _named(self, exchange: Any, goals: Mapping[int, int]) -> Sequence[int]:
-        """Whose goal the frame writes."""
+        """Return the motors for which the frame writes a goal."""
         data = exchange.request
         if len(data) > 7 and data[4] == 0x83 and data[5] == self._goal.address:
             size = data[6] + 1

@@ -17,14 +17,14 @@ from .tcp_network import Piece, SimStream, TcpNetwork
 from .world import World
 
 TICK_S = 0.01
-"""As often as it reports. A real one reckons 250 times a second."""
+"""Period of its reports. A real controller computes 250 times a second."""
 GARBLED = 0.05
-"""Share of replies."""
+"""Share of replies that are garbled."""
 TOLERATED_RAD = 0.02
 STEP_RAD = 0.008
-"""A setpoint further, for one joint: 14 degrees a second."""
+"""Step of one joint from setpoint to setpoint: 14 degrees a second."""
 
-# By name, as the registry loads drivers.
+# Loaded by name, as the registry loads drivers.
 XArm: Any = load("strands_actors.drivers.xarm.driver:XArm")
 XArmWire: Any = load("strands_actors.drivers.xarm.wire:XArmWire")
 StopChannel: Any = load("strands_actors.drivers.xarm.stop_channel:XArmStopChannel")
@@ -42,7 +42,7 @@ LOGGED = frozenset({"setpoint", "safe", "enable"})
 
 
 class ArmPlant(Joints):
-    """With a flange, which nobody looks at."""
+    """Joints with a flange, whose pose is constant and unused."""
 
     def __init__(self, names: tuple[str, ...], speed_rad_s: float) -> None:
         super().__init__(names, speed_rad_s)
@@ -51,8 +51,8 @@ class ArmPlant(Joints):
 
 
 class SlowActions:
-    """Gives one joint, ``mark``, an angle that no other action has; another one, ``swing``, swings.
-    ``third`` is moved by single commands."""
+    """Actions with a unique angle of the joint ``mark``, while the joint ``swing`` swings. Single commands
+    also move the joint ``third``."""
 
     def __init__(
         self, rng: random.Random, mark: str = "joint7", swing: str = "joint1", third: str = "joint3"
@@ -74,8 +74,8 @@ class SlowActions:
 
 
 class SessionArm(RobotModel):
-    """An xarm7. Energised is a joint that would follow a target: its motor is on, and its controller
-    is not in state 4."""
+    """An xarm7. A joint counts as energised if it would follow a target: its motor is on, and its
+    controller is not in state 4."""
 
     PORT = "192.0.2.7"
     SETTLE_S = 5.0  # a connection takes 0.5 s to fail, and a stop 1 s
@@ -107,7 +107,8 @@ class SessionArm(RobotModel):
         return key == "joint7"
 
     def held_between(self, motor: int, frame: Frame) -> tuple[float, float]:
-        """Where it is, where it was told to go, or between: it is told its last target once more."""
+        """Return the range between the position and the last target, because a hold may repeat that
+        target."""
         aims = (frame.positions[motor], frame.before[motor])
         return min(aims) - TOLERATED_RAD, max(aims) + TOLERATED_RAD
 
@@ -162,14 +163,14 @@ class SessionArm(RobotModel):
         return _Listener(self._publisher, stream)
 
     def spoil(self, data: bytes) -> bytes:
-        """Return a reply as it leaves."""
+        """Return a reply, garbled if this fault is on."""
         if self.garbled and self._rng.random() < self.garbled:
             at = self._rng.randrange(len(data))
             data = data[:at] + bytes([data[at] ^ (1 << self._rng.randrange(8))]) + data[at + 1 :]
         return data
 
     def log(self, exchange: Any, piece: Piece) -> None:
-        """Note what the controller has just obeyed."""
+        """Record a request that the controller has just carried out."""
         if exchange.kind not in LOGGED:
             return
         before, was = self._goals, self.energised_log[-1][1]
@@ -178,7 +179,7 @@ class SessionArm(RobotModel):
             told = dict(enumerate(unpack_floats(exchange.request, len(self._motors), HEADER + 1), 1))
         self._goals = {**before, **told}
         if exchange.safe_state == "stop" or exchange.kind == "enable":
-            self._goals = self.positions()  # what it was told is forgotten
+            self._goals = self.positions()  # The controller drops earlier targets.
         now, safe_state = self.following, str(exchange.safe_state or "")
         positions = self.positions()
         self.frames.append(
@@ -205,7 +206,7 @@ class SessionArm(RobotModel):
 
 
 class _Client:
-    """Of the control port."""
+    """The robot's end of a client of the control port."""
 
     def __init__(self, arm: SessionArm, stream: SimStream) -> None:
         self._arm = arm
@@ -224,18 +225,18 @@ class _Client:
             self._stream.end_by_robot()
 
     def ended(self) -> None:
-        """Nothing is kept of it."""
+        """No-op: a client leaves no state behind."""
 
 
 class _Listener:
-    """Of a port of reports."""
+    """The robot's end of a client of a report port."""
 
     def __init__(self, publisher: Any, stream: SimStream) -> None:
         self._publisher = publisher
         self._entry = publisher.add(stream.port, stream)
 
     def hear(self, piece: Piece) -> None:
-        """Nobody listens."""
+        """No-op: the robot ignores input on a report port."""
 
     def ended(self) -> None:
         self._publisher.remove(self._entry)

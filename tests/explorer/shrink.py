@@ -1,5 +1,4 @@
-"""Makes a failing plan shorter: what can be left out while it still fails in the same way is left
-out."""
+"""Shorten a failing plan: leave out every event without which it still fails in the same way."""
 
 from __future__ import annotations
 
@@ -17,7 +16,7 @@ def fails(plan: Plan, invariant: str) -> bool:
 
 
 def shrink(plan: Plan, invariant: str) -> Plan:
-    """Return the shortest plan that was found which breaks the same invariant."""
+    """Return a plan that breaks the same invariant, and from which no single event can be removed."""
     while True:
         shorter = next((each for each in _shorter(plan) if fails(each, invariant)), None)
         if shorter is None:

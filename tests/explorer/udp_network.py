@@ -1,5 +1,5 @@
-"""UDP between the processes of a tree and one robot, in memory: datagrams that are lost, late, out of
-order or doubled."""
+"""UDP between the processes of a tree and one robot, in memory. Datagrams can be lost, late, out of order
+or doubled."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from .world import Process, World
 
 
 class UdpNetwork(MemoryNetwork):
-    """Its public attributes are what is wrong with it. ``robot``: the host at its other end."""
+    """The network. Its public attributes are its present faults. ``robot`` is the robot's host."""
 
     def __init__(self, world: World, robot: str, ports: Callable[[int, int], tuple[int, int]]) -> None:
         super().__init__(ports)
@@ -24,10 +24,10 @@ class UdpNetwork(MemoryNetwork):
         self.cut: set[str] = set()  # out: to the robot; in: from it
         self.lost = 0.0  # share
         self.doubled = 0.0
-        self.spoiled = 0.0  # of what is sent to the robot
+        self.spoiled = 0.0  # share of the datagrams to the robot
         self.late_s = 0.0
         self.peer = HostilePeer(world.rng("peer"))
-        self._answers: dict[Address, Stream] = {}  # of the robot, by who gets them
+        self._answers: dict[Address, Stream] = {}  # from the robot, by receiver
         self._rng = world.rng("network")
 
     def open_sockets(self, domain: int, host: str, multicast: bool) -> tuple[MemorySocket, ...]:
@@ -60,11 +60,11 @@ class UdpNetwork(MemoryNetwork):
 
 
 class UdpSocket(MemorySocket):
-    """It dies with its process."""
+    """A socket that is closed when its process ends."""
 
     def __init__(self, network: UdpNetwork, address: Address) -> None:
         super().__init__(network, address)
-        self.process: Process | None = network.world.running  # None: the robot's own
+        self.process: Process | None = network.world.running  # None for the robot's sockets
         if self.process is not None:
             self.process.at_end.append(self.close)
 

@@ -1,8 +1,8 @@
 """The ur5e of the explorer: the twin's controller behind its ports, and ur-rtde's calls in threads.
 
-Its power to move arrives late. The control script is sent by a thread of the SDK, lies in buffers of
-either side, and is then compiled: a stop that comes meanwhile finds no program. The watchdog that
-would end the script is armed only after it runs.
+The arm is energised late. A thread of the SDK sends the control script, which waits in buffers of both
+sides and is then compiled. A stop that comes meanwhile finds no program. The watchdog that would end the
+script is armed only after the script runs.
 """
 
 from __future__ import annotations
@@ -29,19 +29,19 @@ TICK_S = 0.004
 SAMPLE_TICKS = 2
 """Ticks between two samples: 125 a second."""
 THREAD_S = 0.004
-"""From a call of the SDK until its thread does it, at most."""
+"""Longest time from a call of the SDK until its thread carries it out."""
 ON_ITS_WAY_S = 0.045
-"""Longest time that a sent script lies in buffers before the controller reads it. Measured on the
+"""Longest time that a sent script waits in buffers before the controller reads it. Measured on the
 twin: enabled 1.5 to 42 ms after a safe frame."""
 PROGRAM_S = 0.05
-"""From a program's text to its first line, as the twin's [assumed]."""
+"""Time from receiving a program's text to running its first line, as in the twin [assumed]."""
 HALT_S = 0.02
 REGISTERS = -1
-"""The port of the SDK's own connection, by which the control script gets its commands."""
+"""The port of the SDK's connection, over which the control script gets its commands."""
 OFFSET = 24
 SCRIPT = b"def rtde_control():\n  reg_offset_int = # int register offset\n%d\nend\n" % OFFSET
 
-# By name, as the registry loads drivers.
+# Loaded by name, as the registry loads drivers.
 UR: Any = load("strands_actors.drivers.ur.driver:UR")
 URWire: Any = load("strands_actors.drivers.ur.wire:URWire")
 StopChannel: Any = load("strands_actors.drivers.ur.stop_channel:URStopChannel")
@@ -65,7 +65,7 @@ MalformedFrame: Any = load("strands_actors.drivers.common.codecs.malformed:Malfo
 
 
 class Later(NamedTuple):
-    """A result that a call of the SDK comes to after a while."""
+    """The result of a call of the SDK, and the time after which the call returns it."""
 
     after_s: float
     value: object
@@ -75,13 +75,13 @@ NEVER = Later(float("inf"), False)
 
 
 class UploadArm(RobotModel):
-    """A ur5e. Energised is an arm whose controller runs a control script: it follows targets."""
+    """A ur5e. It counts as energised while its controller runs a control script, and so follows targets."""
 
     PORT = "192.0.2.5"
     SETTLE_S = 12.0  # a stop takes 1.2 s, and no confirmed one comes 3 s after an upload that was cut off
     KEEPS_TORQUE_BY_RESUME = True
     PROGRAM: ClassVar[type] = ControlScript
-    """What runs on the controller while the arm is energised."""
+    """Type of the program that runs on the controller while the arm is energised."""
 
     def __init__(self, world: World, robot: str) -> None:
         super().__init__(world, robot)
@@ -121,7 +121,7 @@ class UploadArm(RobotModel):
         return key == "wrist_3_joint"
 
     def held_between(self, motor: int, frame: Frame) -> tuple[float, float]:
-        """A stop names no goal."""
+        """Return the position alone, because a stop names no goal."""
         return frame.positions[motor], frame.positions[motor]
 
     def seams(self) -> tuple[Seam, ...]:
@@ -141,7 +141,7 @@ class UploadArm(RobotModel):
         self.network.mend_all()
 
     def brown_out(self) -> None:
-        """Its power is off afterwards, until somebody switches it on at the pendant."""
+        """Switch the power off. It stays off until a person switches it on at the pendant."""
         self.controller.reset()
         self.network.reset()
         self._log_energised()
@@ -152,7 +152,7 @@ class UploadArm(RobotModel):
     # -- the SDK, in the wire process
 
     async def call_in_thread(self, function: Callable[..., Any], *args: Any) -> Any:
-        """Do a call of the SDK some time later, whether it is still waited for or not."""
+        """Carry out a call of the SDK some time later, even if its caller no longer waits."""
         world, process = self.world, self.world.current
         process.resources.start_thread()
         done, results = trio.Event(), list[outcome.Outcome[Any]]()
@@ -214,7 +214,7 @@ class UploadArm(RobotModel):
         return self._all if isinstance(self.controller.program, self.PROGRAM) else frozenset()
 
     def log(self, kind: str, safe_state: str, piece: Piece, goals: Mapping[int, float] | None = None) -> None:
-        """Note what the controller has just obeyed."""
+        """Record a request that the controller has just carried out."""
         before, was, positions = self._goals, self.energised_log[-1][1], self.positions()
         self._goals = {**before, **(goals or {})} if kind == "setpoint" else positions
         now_s, now = self.world.now_s, self.following
@@ -231,7 +231,7 @@ class UploadArm(RobotModel):
 
 
 class _Interface:
-    """The SDK's ``RTDEControlInterface``: opens one."""
+    """Replaces the SDK's class ``RTDEControlInterface``. A call connects and returns an interface."""
 
     FLAG_UPPER_RANGE_REGISTERS = FLAG_NO_WAIT = 0
 
@@ -239,8 +239,8 @@ class _Interface:
         self._arm = arm
 
     def __call__(self, host: str, hz: float, flags: int) -> SimSdk | Later:
-        """Connect. Raise ``RuntimeError`` when nobody answers; a controller that is frozen keeps the
-        constructor for ever."""
+        """Connect. Raise ``RuntimeError`` if the controller cannot be reached. With a frozen controller the
+        call never returns."""
         arm, process = self._arm, self._arm.world.current
         process.resources.open_file()
         arm.kept.add(process.pid)
@@ -250,7 +250,7 @@ class _Interface:
 
 
 class SimSdk:
-    """Sends commands, and waits for the control script as the SDK does."""
+    """Send commands, and wait for the control script as the SDK does."""
 
     def __init__(self, arm: UploadArm) -> None:
         self._arm = arm
@@ -311,11 +311,11 @@ class _Dashboard:
             self._stream.send(f"{answer}\n".encode())
 
     def ended(self) -> None:
-        """Nothing is kept of it."""
+        """No-op: a client leaves no state behind."""
 
 
 class _Script:
-    """Of a script port: takes programs. Whoever reads its state gets none here."""
+    """The robot's end of a client of a script port. It takes programs, and sends no state."""
 
     def __init__(self, arm: UploadArm) -> None:
         self._arm = arm
@@ -324,11 +324,11 @@ class _Script:
         self._arm.take_script(piece.data, piece)
 
     def ended(self) -> None:
-        """Nothing is kept of it."""
+        """No-op: a client leaves no state behind."""
 
 
 class _Registers:
-    """Of the SDK: commands of the control script."""
+    """The robot's end of the SDK's connection, with commands for the control script."""
 
     KINDS: Mapping[int, tuple[str, str]] = {
         Command.SERVO_J: ("setpoint", ""),
@@ -351,11 +351,11 @@ class _Registers:
             arm.log(*self.KINDS[command], piece, dict(enumerate(values, 1)))
 
     def ended(self) -> None:
-        """Nothing is kept of it."""
+        """No-op: a client leaves no state behind."""
 
 
 class SampleClient:
-    """Of an RTDE client that only reads."""
+    """The robot's end of an RTDE client that only reads."""
 
     def __init__(self, arm: UploadArm, stream: SimStream) -> None:
         self._arm = arm
@@ -377,7 +377,7 @@ class SampleClient:
             self._take(packet, piece)
 
     def _take(self, packet: Any, piece: Piece) -> None:
-        """Do what a packet says beside its answer."""
+        """Carry out a packet, in addition to the answer. A client that only reads needs nothing."""
 
     def _answer(self, packet: Any) -> bytes | None:
         if packet.kind == protocol.Kind.OUTPUTS:

@@ -1,4 +1,4 @@
-"""A client's end of the simulation control."""
+"""The client's end of the simulation control."""
 
 from __future__ import annotations
 
@@ -23,8 +23,8 @@ _CHUNK = 1 << 18
 
 
 class SimulationClient:
-    """One conversation, one question at a time. Everything raises ``WireDown`` once the simulation
-    is gone."""
+    """One connection, with one request at a time. Every method raises ``WireDown`` once the simulation is
+    gone."""
 
     def __init__(self, path: str) -> None:
         try:
@@ -43,7 +43,7 @@ class SimulationClient:
         self._heard: deque[p.Reply] = deque()
 
     def tell(self, request: p.Request) -> None:
-        """Hand it over whole, at once."""
+        """Send a request without waiting. Raise ``WireDown`` if the socket does not take all of it."""
         data = p.encode(request)
         try:
             sent = self._socket.send(data)
@@ -55,14 +55,23 @@ class SimulationClient:
             raise WireDown("the simulation does not read. reconnect")
 
     def ask(self, request: p.Request) -> int:
-        """Hand it over and give the number its reply will have."""
+        """Send a request, and return the number of its reply."""
         number = next(self._numbers)
         self.tell(msgspec.structs.replace(request, number=number))
         return number
 
     async def answer(self, number: int, kind: type[T], within_s: float) -> T | None:
-        """Return the reply with that number, None when it does not come in time. Earlier ones are
-        thrown away; a ``No`` is raised as ``Refusal``."""
+        """Return the reply with this number; None if it does not come in time. Drop other replies.
+
+        Args:
+            number: As returned by ``ask``.
+            kind: Type of the expected reply.
+            within_s: Timeout in seconds.
+
+        Raises:
+            Refusal: The reply is a ``No``.
+            WireDown: The reply has another type, or the simulation is gone.
+        """
         with trio.move_on_after(within_s):
             while True:
                 reply = await self._next()
@@ -76,7 +85,7 @@ class SimulationClient:
         return None
 
     async def call(self, request: p.Request, kind: type[T], within_s: float) -> T:
-        """``ask`` and ``answer``. Raise ``WireDown`` when there is none in time."""
+        """Send a request and return its reply. Raise ``WireDown`` if it does not come in time."""
         reply = await self.answer(self.ask(request), kind, within_s)
         if reply is None:
             raise WireDown(f"the simulation does not answer within {within_s:g} s")
@@ -106,4 +115,4 @@ class SimulationClient:
 
 
 class Refusal(Exception):
-    """The simulation says no, and why."""
+    """The simulation has refused a request. The text gives the reason."""

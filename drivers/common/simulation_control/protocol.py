@@ -1,8 +1,9 @@
 """Frames of the simulation control: four bytes of length (little endian), then a msgpack array
 tagged with its type.
 
-A request's ``number`` comes back in its reply; 0 wants none. Values are those of the model: radians
-or metres, a gripper's closed fraction; one per axis, in the order of ``Axes``.
+A reply has the ``number`` of its request; a request with 0 gets no reply. Values are those of the model,
+one per axis in the order of ``Axes``: radians or metres, for a gripper its closed fraction. The docstring
+of a request names its reply.
 """
 
 from __future__ import annotations
@@ -17,11 +18,11 @@ from strands_actors.drivers.common.codecs.malformed import MalformedFrame
 HEADER = 4
 MAX_REQUEST = 1 << 16
 MAX_REPLY = 1 << 26
-"""Bytes; the longest is a picture."""
+"""Longest reply in bytes: a picture."""
 
 MOST_STEPS = 100_000
 STEP_S = 30.0
-"""Longest time that they may take."""
+"""Longest time in seconds that the steps of one request may take."""
 
 LIMP = "limp"
 HOLD = "hold"
@@ -33,43 +34,46 @@ class Frame(msgspec.Struct, frozen=True, array_like=True, tag=True):
 
 
 class Handshake(Frame, frozen=True):
-    """Who is there? ``Axes``."""
+    """Ask for the axes. Reply: ``Axes``."""
 
 
 class Take(Frame, frozen=True):
-    """Energise, where the joints are, all that the wire does not hold. ``Sample``."""
+    """Energise all joints that the wire does not hold, at their present positions. Reply: ``Sample``."""
 
 
 class Aim(Frame, frozen=True):
-    """New targets, from the client that took it. No reply."""
+    """Set new targets. Only the client of the last ``Take`` may do this. No reply."""
 
     values: tuple[float, ...]
 
 
 class Safe(Frame, frozen=True):
-    """``limp``: let go of what is taken. ``hold``: target := position. ``land``: as ``hold``, but
-    what flies comes down. ``Sample``."""
+    """Bring the taken joints to a safe state. Reply: ``Sample``.
+
+    ``limp`` releases them. ``hold`` sets each target to the position. ``land`` does the same, but a
+    flying robot lands.
+    """
 
     safe_state: str
 
 
 class Read(Frame, frozen=True):
-    """``Sample``."""
+    """Read the state. Reply: ``Sample``."""
 
 
 class Reset(Frame, frozen=True):
-    """Back to where it began, held there. ``Sample``, or ``No`` while the wire holds a joint."""
+    """Return to the first pose and hold it. Reply: ``Sample``, or ``No`` while the wire holds a joint."""
 
 
 class Step(Frame, frozen=True):
-    """Let so many time steps pass at once, 1 to ``MOST_STEPS``, after what other clients have said
-    before. ``Sample``, or ``No`` while the wire holds a joint."""
+    """Simulate 1 to ``MOST_STEPS`` time steps at once, after the earlier requests of other clients.
+    Reply: ``Sample``, or ``No`` while the wire holds a joint."""
 
     steps: int
 
 
 class Render(Frame, frozen=True):
-    """``Picture``, or ``No``."""
+    """Take a picture. Reply: ``Picture`` or ``No``."""
 
     width: int
     height: int
@@ -77,7 +81,7 @@ class Render(Frame, frozen=True):
 
 
 class AddObject(Frame, frozen=True):
-    """``Done``, or ``No``. The fields are those of ``scenery.Object``."""
+    """Add an object with the fields of ``scenery.Object``. Reply: ``Done`` or ``No``."""
 
     name: str
     shape: str
@@ -91,7 +95,7 @@ class AddObject(Frame, frozen=True):
 
 
 class AddCamera(Frame, frozen=True):
-    """``Done``, or ``No``. The fields are those of ``scenery.Camera``."""
+    """Add a camera with the fields of ``scenery.Camera``. Reply: ``Done`` or ``No``."""
 
     name: str
     position: tuple[float, ...]
@@ -101,29 +105,29 @@ class AddCamera(Frame, frozen=True):
 
 
 class RemoveObject(Frame, frozen=True):
-    """``Done``, or ``No``."""
+    """Remove an object. Reply: ``Done`` or ``No``."""
 
     name: str
 
 
 class Save(Frame, frozen=True):
-    """Keep the state under this name. ``Done``, or ``No``."""
+    """Save the state under this name. Reply: ``Done`` or ``No``."""
 
     name: str
 
 
 class Load(Frame, frozen=True):
-    """Go back to a saved state. ``Sample``, or ``No``, also while the wire holds a joint."""
+    """Return to a saved state. Reply: ``Sample`` or ``No``, also while the wire holds a joint."""
 
     name: str
 
 
 class GetModel(Frame, frozen=True):
-    """The scene as a compiled MuJoCo model. ``Model``, or ``No``."""
+    """Ask for the scene as a compiled MuJoCo model. Reply: ``Model`` or ``No``."""
 
 
 class GetPose(Frame, frozen=True):
-    """``Pose``."""
+    """Ask for the pose. Reply: ``Pose``."""
 
 
 class Axes(Frame, frozen=True):
@@ -135,7 +139,7 @@ class Sample(Frame, frozen=True):
     position: tuple[float, ...]
     velocity: tuple[float, ...]
     effort: tuple[float, ...]  # newton metres, or newtons
-    hands: tuple[int, ...]  # who holds each: 0 nobody, 1 the wire, 2 the simulation
+    hands: tuple[int, ...]  # holder of each joint: 0 no holder, 1 the wire, 2 the simulation
 
 
 class Picture(Frame, frozen=True):
@@ -148,18 +152,18 @@ class Picture(Frame, frozen=True):
 
 class Model(Frame, frozen=True):
     binary: bytes
-    scene: int = 0  # its number: another one has other bodies or cameras
+    scene: int = 0  # number of the scene; it changes with the bodies and cameras
 
 
 class Pose(Frame, frozen=True):
-    """``qpos`` of the ``Model`` with that number."""
+    """``qpos`` of the ``Model`` with this ``scene`` number."""
 
     qpos: tuple[float, ...]
     scene: int = 0
 
 
 class Done(Frame, frozen=True):
-    """It is done."""
+    """The request was carried out."""
 
 
 class No(Frame, frozen=True):
@@ -181,7 +185,7 @@ def encode(frame: Frame) -> bytes:
 
 
 class Decoder(Generic[FrameT]):
-    """Bytes in any pieces, frames out."""
+    """Decodes frames from bytes in pieces of any size."""
 
     def __init__(self, kind: msgspec.msgpack.Decoder[FrameT], longest: int) -> None:
         self._kind = kind
@@ -189,7 +193,7 @@ class Decoder(Generic[FrameT]):
         self._held = bytearray()
 
     def feed(self, data: bytes) -> Iterator[FrameT]:
-        """Raise ``MalformedFrame``."""
+        """Yield the frames that are complete. Raise ``MalformedFrame``."""
         held = self._held
         held += data
         while len(held) >= HEADER:

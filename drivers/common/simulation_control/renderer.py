@@ -21,19 +21,19 @@ LIBRARIES = {
     "egl": (("libEGL.so.1",), "libegl1"),
     "osmesa": (("libOSMesa.so.8", "libOSMesa.so.6", "libOSMesa.so"), "libosmesa6"),
 }
-"""Platforms of OpenGL that need no window: names of the library, and the Debian package it is in.
-In the order in which they are tried."""
+"""Platforms of OpenGL that need no window, in the order in which they are tried: names of the library,
+and its Debian package."""
 
 WINDOWED = ("", "enable", "enabled", "on", "true", "1", "glfw", "glx", "cgl")
-"""Words of ``MUJOCO_GL`` that leave the choice to us."""
+"""Values of ``MUJOCO_GL`` with which this module chooses the platform."""
 
 
 class CannotRender(Exception):
-    """There can be no picture. The text says why and what to do."""
+    """No picture can be taken. The text gives the reason and the remedy."""
 
 
 class Renderer:
-    """Takes pictures one at a time, each in a thread, of its own copy of the model."""
+    """Take pictures of a private copy of the model, one at a time, in a thread."""
 
     def __init__(self, spec: Any) -> None:
         self._spec = spec
@@ -43,10 +43,10 @@ class Renderer:
         self._stale = False
         self._binary: tuple[int, bytes] | None = None
         self.scene = 0
-        """Counts the models that were taken."""
+        """Number of the present model; each ``exchange`` adds 1."""
 
     async def render(self, pose: Sequence[float], width: int, height: int, camera: str) -> bytes:
-        """Rows from the top, three bytes a pixel. Raise ``CannotRender``."""
+        """Return a picture: rows from the top, three bytes a pixel. Raise ``CannotRender``."""
         if not (1 <= width <= MAX_WIDTH and 1 <= height <= MAX_HEIGHT):
             raise CannotRender(
                 f"a picture of {width} x {height} pixels. ask for at most {MAX_WIDTH} x {MAX_HEIGHT}"
@@ -54,15 +54,15 @@ class Renderer:
         return await trio.to_thread.run_sync(self._render, pose, width, height, camera, limiter=self._limiter)
 
     async def model(self, pose: Sequence[float]) -> tuple[int, bytes]:
-        """Return the number of the scene, and it as MuJoCo's own file. Made once: that holds up
-        whoever shares this process for a tenth of a second."""
+        """Return the number of the scene, and the scene as MuJoCo's binary file. The file is kept, because
+        making it delays the rest of this process by a tenth of a second."""
         while self._binary is None or self._binary[0] != self.scene:
             scene = self.scene
             self._binary = scene, await trio.to_thread.run_sync(self._save, pose, limiter=self._limiter)
         return self._binary
 
     def exchange(self, spec: Any) -> None:
-        """Take the next picture of this model. It is used in a thread: nobody else may have it."""
+        """Use this model from the next picture on. A thread uses it, so the caller must not keep it."""
         self._spec = spec
         self._stale = True
         self.scene += 1
@@ -85,7 +85,7 @@ class Renderer:
         return self._drawn.shoot(pose, width, height, camera)
 
     def _look(self, pose: Sequence[float]) -> View:
-        """Where to stand is decided once, by the robot's pose at the time."""
+        """Return the view of the camera. The first pose decides it."""
         if self._view is None:
             model = self._spec.copy().compile()
             data = mujoco.MjData(model)
@@ -102,18 +102,27 @@ class Renderer:
 
 
 def plain(model: Any) -> Any:
-    """Return the same model, to be drawn five times as fast: without shadows, mirrors and smooth
-    edges."""
+    """Switch off the model's shadows, mirrors and smooth edges, so that it is drawn five times as fast.
+    Return the same model."""
     model.vis.quality.shadowsize = model.vis.quality.offsamples = 0
     return model
 
 
 class SceneRenderer:
-    """A scene, and an OpenGL context for it, usable in any thread, one at a time; for pictures of at
-    most that size. Raise ``CannotRender`` without OpenGL."""
+    """A scene and its OpenGL context. It may be used in any thread, but in one at a time."""
 
     def __init__(self, model: Any, view: View, width: int, height: int) -> None:
-        """``model``: as ``decorate`` makes it."""
+        """Create the OpenGL context.
+
+        Args:
+            model: A compiled model from ``decorate``.
+            view: The view of the camera.
+            width: Largest width of a picture in pixels.
+            height: Largest height.
+
+        Raises:
+            CannotRender: There is no OpenGL.
+        """
         model.vis.global_.offwidth, model.vis.global_.offheight = width, height
         self._size = width, height
         self._model = model
@@ -133,8 +142,8 @@ class SceneRenderer:
         return width <= self._size[0] and height <= self._size[1]
 
     def shoot(self, pose: Sequence[float], width: int, height: int, camera: str) -> bytes:
-        """Rows from the top, three bytes a pixel. Raise ``CannotRender`` for a camera that is not
-        there."""
+        """Return a picture: rows from the top, three bytes a pixel. Raise ``CannotRender`` if there is no
+        such camera."""
         model, data = self._model, self._data
         own = [model.camera(index).name for index in range(model.ncam)]
         if camera not in CAMERAS and camera not in own:
@@ -145,7 +154,7 @@ class SceneRenderer:
         mujoco.mj_camlight(model, data)
         self._view = widened(self._view, model, data)
         eye = mujoco.MjvCamera()
-        if camera and camera in own:  # the scene's own camera, also where one of ours has its name
+        if camera and camera in own:  # A camera of the scene has priority over one of ``CAMERAS``.
             eye.type = mujoco.mjtCamera.mjCAMERA_FIXED
             eye.fixedcamid = model.camera(camera).id
         else:
@@ -165,8 +174,8 @@ class SceneRenderer:
 
 
 def open_gl(width: int, height: int) -> Any:
-    """Return an OpenGL context. ``MUJOCO_GL`` names the platform; else the first that is there.
-    Raise ``CannotRender``."""
+    """Return an OpenGL context of the platform that ``MUJOCO_GL`` names, otherwise of the first
+    available one. Raise ``CannotRender``."""
     if why := missing("pictures", "a picture"):
         raise CannotRender(why)
     wanted = os.environ.get("MUJOCO_GL", "").strip().lower()
@@ -180,10 +189,10 @@ def open_gl(width: int, height: int) -> Any:
             raise CannotRender(_missing([platform]))
     else:
         raise CannotRender(f"MUJOCO_GL is {wanted!r}. unset it, or use {_names(list(LIBRARIES))}")
-    os.environ["MUJOCO_GL"] = platform  # MuJoCo's loader reads it, too
+    os.environ["MUJOCO_GL"] = platform  # MuJoCo's loader also reads this variable.
     try:
         return importlib.import_module(f"mujoco.{platform}").GLContext(width, height)
-    except Exception as error:  # whatever OpenGL's many layers raise
+    except Exception as error:  # OpenGL's many layers raise any type.
         others = [name for name in LIBRARIES if name != platform]
         raise CannotRender(
             f"{platform} gives no context ({error}). check the graphics driver, or use {_names(others)}"
@@ -208,7 +217,7 @@ def _is_there(platform: str) -> bool:
 
 
 def _devices(egl: ctypes.CDLL) -> int:
-    """Return what EGL can draw on; a library without a driver has none."""
+    """Return the number of devices on which EGL can draw; 0 for a library without a driver."""
     egl.eglGetProcAddress.restype = ctypes.c_void_p
     address = egl.eglGetProcAddress(b"eglQueryDevicesEXT")
     if not address:

@@ -1,5 +1,5 @@
-"""What a model lacks to be looked at: light, ground, sky, colours, motors at the joints, and where
-to stand."""
+"""Decorate a model for pictures: light, ground, sky, colours, motors at the joints, and the view of the
+camera."""
 
 from __future__ import annotations
 
@@ -19,38 +19,39 @@ SHELL = (0.90, 0.90, 0.88, 1.0)
 ACCENT = (0.96, 0.47, 0.13, 1.0)
 
 UNPAINTED = [0.5, 0.5, 0.5, 1.0]
-"""MuJoCo's own default, in single precision too."""
+"""MuJoCo's default colour. It is the same in single precision."""
 
 CAMERAS = {"": (135.0, -22.0), "front": (180.0, -12.0), "side": (90.0, -12.0), "top": (180.0, -89.0)}
-"""Azimuth and elevation in degrees: the eye looks along them at the middle of the robot."""
+"""Azimuth and elevation of the camera's line of sight in degrees. It points at the middle of the robot."""
 
 _SLACK = 1.15
-"""So much further than its ball a robot may reach before one steps back."""
+"""The camera moves back when the robot reaches further than this multiple of the view's radius."""
 
 _ROOM = 1.0
-"""Around the robot in a picture: a ball around it is larger than it looks."""
+"""Factor of the camera's distance. No margin is needed, since a robot looks smaller than the ball around
+it."""
 
 
 SKY, GROUND = "strands_actors sky", "strands_actors ground"
-"""Names that no model has for its own sky and ground."""
+"""Names that no model uses for its sky and ground."""
 
 
 class View(NamedTuple):
-    """Where to look at, and from how far the whole robot is seen."""
+    """A ball around the whole robot, at which a camera looks. Lengths are in metres."""
 
     middle: tuple[float, float, float]
     radius: float
 
 
 def decorate(spec: Any, view: View) -> Any:
-    """Return a copy of a model, to be looked at as in ``view``; what moves in it is the same. Not
-    compiled yet."""
+    """Return a copy of a model, decorated for ``view`` and not compiled yet. Its joints are the same."""
     scene = spec.copy()
     scene.stat.center, scene.stat.extent = view.middle, view.radius
     scene.visual.global_.azimuth, scene.visual.global_.elevation = CAMERAS[""]
     scene.visual.quality.offsamples = 4
     scene.visual.quality.shadowsize = 4096
-    scene.visual.map.shadowclip = 4  # extents: else the edge of the shadow map speckles the ground
+    # In extents. With less, the edge of the shadow map speckles the ground.
+    scene.visual.map.shadowclip = 4
     scene.visual.headlight.ambient = [0.30, 0.30, 0.32]
     scene.visual.headlight.diffuse = [0.30, 0.30, 0.30]
     scene.visual.headlight.specular = [0.0, 0.0, 0.0]
@@ -64,7 +65,7 @@ def decorate(spec: Any, view: View) -> Any:
 
 
 def view_of(model: Any, data: Any) -> View:
-    """Of everything but the ground, as it is posed in ``data``."""
+    """Return the view of everything but the ground, in the pose of ``data``."""
     kept = [at for at in range(model.ngeom) if model.geom_type[at] != mujoco.mjtGeom.mjGEOM_PLANE]
     if not kept:
         return View((0.0, 0.0, 0.0), 1.0)
@@ -79,15 +80,23 @@ def view_of(model: Any, data: Any) -> View:
 
 
 def widened(view: View, model: Any, data: Any) -> View:
-    """Return a view of the same place in which the robot, as it is posed now, fits."""
+    """Return a view of the same place that contains the robot in its present pose."""
     now = view_of(model, data)
     away = math.dist(view.middle, now.middle)
     return view if away + now.radius <= view.radius * _SLACK else view._replace(radius=away + now.radius)
 
 
 def look(eye: Any, model: Any, view: View, width: int, height: int, camera: str = "") -> None:
-    """Point an ``MjvCamera`` at the whole of ``view``, from the side that ``camera`` names, for a
-    picture of that shape."""
+    """Point an ``MjvCamera`` at the whole ``view``.
+
+    Args:
+        eye: The camera to set.
+        model: The compiled model.
+        view: The view.
+        width: Width of the picture in pixels.
+        height: Its height.
+        camera: The side, a key of ``CAMERAS``.
+    """
     eye.type = mujoco.mjtCamera.mjCAMERA_FREE
     eye.lookat[:] = view.middle
     eye.distance = _distance_m(model, view, width, height)
@@ -95,7 +104,7 @@ def look(eye: Any, model: Any, view: View, width: int, height: int, camera: str 
 
 
 def _distance_m(model: Any, view: View, width: int, height: int) -> float:
-    """From where the whole of ``view`` is inside a picture of that shape."""
+    """Return the distance from which the whole ``view`` fits into a picture of this shape."""
     half = math.radians(float(model.vis.global_.fovy)) / 2
     narrow = min(half, math.atan(math.tan(half) * width / height))
     return view.radius * _ROOM / math.sin(narrow)
@@ -130,12 +139,12 @@ def _add_sky_and_ground(scene: Any) -> None:
     for geom in scene.worldbody.geoms:
         if geom.type == mujoco.mjtGeom.mjGEOM_PLANE:
             geom.material = GROUND
-            geom.size = [0, 0, 0.05]  # as far as the eye reaches
+            geom.size = [0, 0, 0.05]  # An infinite plane.
 
 
 def _add_lights(scene: Any, view: View) -> None:
-    """A lamp above and beside, as far away as the robot is large, and a weaker one from the other
-    side."""
+    """Add a lamp above the robot on one side, and a weaker one on the other side. Their distance grows with
+    the size of the robot."""
     middle = np.asarray(view.middle)
     for towards, strength, shadow in (
         ([-0.35, 0.45, -0.82], 0.6, True),
@@ -153,13 +162,13 @@ def _add_lights(scene: Any, view: View) -> None:
 
 
 def _is_bare(geom: Any) -> bool:
-    """Return whether nobody has said how it looks."""
+    """Return whether the model does not define how the shape looks."""
     return not geom.material and not geom.meshname and list(geom.rgba) == UNPAINTED
 
 
 def _colour(body: Any) -> None:
-    """Base and motors dark, links light, what has nothing behind it in the accent; unless the model
-    says how it looks."""
+    """Colour the base and the motors dark, links light, and the last link in the accent colour. Leave a
+    body alone if the model defines how it looks."""
     shapes = list(body.geoms)
     moves = list(body.joints)
     if not all(map(_is_bare, shapes)):
@@ -174,7 +183,7 @@ def _colour(body: Any) -> None:
 
 
 def _add_motor(body: Any, joint: Any, radius: float) -> None:
-    """A drum around the joint's axis, without weight."""
+    """Add a drum without mass around the joint's axis."""
     place, axis = np.asarray(joint.pos), np.asarray(joint.axis)
     reach = axis / np.linalg.norm(axis) * radius * 1.15
     body.add_geom(
@@ -190,7 +199,7 @@ def _add_motor(body: Any, joint: Any, radius: float) -> None:
 
 
 def _thickness(geom: Any) -> float:
-    """Half of it, across a link."""
+    """Return half the thickness of a link, across it."""
     sizes = [float(size) for size in geom.size if size > 0]
     if geom.type == mujoco.mjtGeom.mjGEOM_BOX:
         return sorted(sizes)[1] if len(sizes) > 1 else 0.02

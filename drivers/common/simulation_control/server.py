@@ -22,11 +22,11 @@ from .renderer import CannotRender, Renderer
 BACKLOG = 16
 _CHUNK = 1 << 16
 _STEPS_AT_ONCE = 500
-"""Three milliseconds or so."""
+"""Steps between two turns of the event loop; they take about 3 ms."""
 
 
 class Log(Protocol):
-    """Where it is noted what the simulation was told: the twin's wire log."""
+    """The log of requests: the twin's wire log."""
 
     def write(
         self,
@@ -38,19 +38,19 @@ class Log(Protocol):
 
 
 class SimulationControl:
-    """Serves one body at a unix socket. Pictures are taken in a thread of their own: neither the
-    wire nor another client waits for one.
+    """Serve one body on a unix socket. A thread takes the pictures, so neither the wire nor another client
+    waits for one.
 
-    Only the client that took the body last may aim, until another one makes it safe: what a client
-    that is gone has left in its socket would otherwise be obeyed after the safe frame.
+    Only the client that took the body last may aim, and only until another client makes the body safe.
+    Otherwise a setpoint that a gone client has left in its socket could be obeyed after the safe frame.
     """
 
     def __init__(self, path: str, body: Body, log: Log) -> None:
-        """Raise ``OSError`` when there can be no socket at ``path``."""
+        """Open the socket. Raise ``OSError`` if it cannot be opened at ``path``."""
         self._path = path
         self._body = body
         self._log = log
-        self._renderer = Renderer(body.spec.copy())  # it works in a thread: no model of others
+        self._renderer = Renderer(body.spec.copy())  # A copy, because a thread uses it.
         scenery = getattr(body, "scenery", None)
         if scenery is not None:
             scenery.changed = lambda: self._renderer.exchange(body.spec.copy())
@@ -65,12 +65,12 @@ class SimulationControl:
         self._listener.listen(BACKLOG)
 
     def hold_at_first(self) -> None:
-        """Hold the robot where it begins, now and after each reset, until it is let go of."""
+        """Hold the robot in its first pose, now and after each reset, until a client releases it."""
         self._holds_at_first = True
         self._body.take(True)
 
     async def serve(self) -> None:
-        """Until cancelled."""
+        """Serve until cancelled."""
         try:
             async with trio.open_nursery() as nursery:
                 while True:
@@ -82,7 +82,7 @@ class SimulationControl:
             self._renderer.close()
 
     async def get_ready(self) -> None:
-        """To give the scene to who draws it, before anything is on the wire."""
+        """Make the model for clients that draw the scene, before anything is on the wire."""
         await self._renderer.model(self._body.pose())
 
     def close(self) -> None:
@@ -179,7 +179,7 @@ class SimulationControl:
         )
 
     def _change(self, request: p.Change) -> p.Reply:
-        """Put something into the scene, or keep its state."""
+        """Change the scene, or save its state."""
         self._note("config", request)
         try:
             scenery = scenery_of(self._body)
@@ -197,7 +197,7 @@ class SimulationControl:
         return p.Done(request.number)
 
     async def _step(self, steps: int) -> None:
-        """What others have said before is heard first; and between a few steps they are served."""
+        """Simulate steps. Serve the other clients before the first step and between pieces."""
         while steps > 0:
             await trio.lowlevel.checkpoint()
             now = min(steps, _STEPS_AT_ONCE)
@@ -220,12 +220,12 @@ class SimulationControl:
 
 
 def _fields(frame: p.Frame) -> list[Any]:
-    """Return what a frame says, without its number."""
+    """Return the fields of a frame without its number."""
     return [getattr(frame, name) for name in frame.__struct_fields__ if name != "number"]
 
 
 async def _send(sock: socket.socket, data: bytes) -> None:
-    """All of it. Nearly always there is room, and then nothing is waited for."""
+    """Send all bytes. Wait only if the socket's buffer is full, which is rare."""
     rest = memoryview(data)
     while rest:
         try:

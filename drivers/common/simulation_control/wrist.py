@@ -1,5 +1,5 @@
-"""A camera on a robot's hand, where its model has none: behind and above what it grips with, looking
-at it."""
+"""Add a camera to a robot's hand if its model has no such camera. It is behind and above the gripper, and
+looks at it."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ from strands_actors.drivers.common.physics.lean_mujoco import PLAIN, mujoco
 WRIST = "wrist"
 FIELD_DEG = 75.0
 LEAST_M = 0.04
-"""From the hand's origin to its tip, at least: a hand without shapes has none."""
+"""Least distance from the hand's origin to its tip, for a hand without shapes."""
 
 _HANDS = re.compile(r"hand|gripper|wrist|palm|tool|flange|_ee")
 
 
 def add_wrist(spec: Any) -> bool:
-    """Whether there is a camera of that name now; a robot without an arm gets none."""
+    """Add the camera if it is missing. Return False for a robot without an arm, which gets no camera."""
     if any(camera.name == WRIST for camera in spec.cameras):
         return True
     model = spec.copy().compile()
@@ -36,8 +36,11 @@ def add_wrist(spec: Any) -> bool:
 
 
 def hand_of(model: Any) -> int | None:
-    """Return the body that carries what grips: the outermost that is called so, else what is at the
-    end of the longest arm that stands still somewhere."""
+    """Return the index of the hand's body; None for a robot without an arm.
+
+    It is the outermost body with a name like "hand" or "gripper", otherwise the end of the longest arm
+    on a fixed base.
+    """
     depth = [0] * model.nbody
     fixed = [True] * model.nbody
     for body in range(1, model.nbody):
@@ -57,7 +60,7 @@ def _joints(model: Any, body: int) -> range:
 
 
 def _mounted(model: Any, data: Any, hand: int) -> tuple[list[float], list[float]]:
-    """Place and orientation of the camera, in the hand's own frame."""
+    """Return place and orientation of the camera in the hand's frame."""
     origin, axes = data.xpos[hand], data.xmat[hand].reshape(3, 3)
     carried = {hand}
     for body in range(hand + 1, model.nbody):

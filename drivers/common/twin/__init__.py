@@ -1,7 +1,7 @@
-"""What the twins of all wires share: the process, the line they serve, the wire log, the faults.
+"""The common part of all twins: the process, the line that it serves, the wire log, the faults.
 
-A wire's own ``twin.py`` is a ``Robot`` (bytes in, timed replies out) and a ``main`` that calls
-``run``. On TCP it has a handler per port instead, ``main`` calls ``run_server`` with a
+The ``twin.py`` of a wire defines a ``Robot`` (bytes in, timed replies out) and a ``main`` that calls
+``run``. On TCP it defines a handler per port instead, and ``main`` calls ``run_server`` with a
 ``TcpServer``.
 """
 

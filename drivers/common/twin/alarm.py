@@ -1,7 +1,7 @@
-"""One alarm that can be moved while somebody waits for it.
+"""An alarm whose time can be changed while a task waits for it.
 
-A timerfd where there is one: it rings 0.05 ms late and costs one system call to move. Elsewhere
-trio's own clock, which rounds to milliseconds.
+On Linux it is a timerfd, which rings 0.05 ms late and costs one system call to set. Elsewhere it uses
+trio's clock, which rounds to milliseconds.
 """
 
 from __future__ import annotations
@@ -23,11 +23,11 @@ _TIMER_ABSTIME = 1
 
 class Alarm(Protocol):
     def set(self, due_ns: int) -> None:
-        """Ring at this CLOCK_MONOTONIC reading instead; at once when it has passed."""
+        """Set the time of the next ring, in ns of CLOCK_MONOTONIC. A time in the past rings at once."""
         ...
 
     async def ring(self) -> None:
-        """Return when it rings. It rings once for each ``set`` that was not moved."""
+        """Wait until it rings. It rings once for each ``set`` that no later ``set`` has replaced."""
         ...
 
     def close(self) -> None: ...
@@ -41,7 +41,8 @@ class TimerfdAlarm:
             raise OSError(ctypes.get_errno(), "timerfd_create")
 
     def set(self, due_ns: int) -> None:
-        spec = struct.pack("qqqq", 0, 0, *divmod(max(due_ns, 1), NS))  # all zero would disarm it
+        # Four zeros would disarm the timer.
+        spec = struct.pack("qqqq", 0, 0, *divmod(max(due_ns, 1), NS))
         if self._libc.timerfd_settime(self._fd, _TIMER_ABSTIME, spec, None) != 0:
             raise OSError(ctypes.get_errno(), "timerfd_settime")
 
@@ -51,7 +52,7 @@ class TimerfdAlarm:
             try:
                 os.read(self._fd, 8)
                 return
-            except BlockingIOError:  # moved between waking up and reading
+            except BlockingIOError:  # The alarm was set again between waking up and reading.
                 continue
 
     def close(self) -> None:

@@ -1,7 +1,6 @@
-"""The robot's end of a DDS network: its participant, the ticks of its computer, what it says of its
-state, and what may happen to all of that.
+"""The robot's end of a DDS network: its participant, its ticks, its state messages and its faults.
 
-A wire's twin says which endpoints there are, and what a tick does.
+The twin of a wire defines the endpoints and the work of a tick.
 """
 
 from __future__ import annotations
@@ -26,7 +25,7 @@ from .wirelog import WireLog
 
 
 class DdsOptions(HostOption, frozen=True):
-    """Of every such twin."""
+    """Options of every twin on DDS."""
 
     domain: Annotated[int, option("DDS domain", ge=0)] = 0
     multicast: Annotated[bool, option("be found by multicast, too, as a vendor's client looks for a robot")] = False
@@ -36,17 +35,21 @@ TICK_S = 0.002
 
 
 class Motors(Protocol):
-    """The body, by motor."""
+    """The robot's body, addressed by the index of a motor."""
 
     def set_stuck(self, index: int, on: bool) -> None: ...
     def set_off(self, index: int, off: bool) -> None: ...
 
 
 class DdsServer(ABC):
-    """Serves one robot. Its methods are what may happen to it while it runs."""
+    """Serve one robot. The public methods cause events while it runs: faults, a pulled cable, a freeze."""
 
     def __init__(self, log: WireLog, options: DdsOptions, motors: Motors, slots: Sequence[int]) -> None:
-        """``slots``: the number of each motor, which can get stuck or lose its supply."""
+        """Prepare the server, without a network.
+
+        Args:
+            slots: The number of each motor. A motor can get stuck or lose its supply.
+        """
         self.log = log
         self.clock = MonotonicClock()
         self.faults = Faults()
@@ -55,26 +58,26 @@ class DdsServer(ABC):
         self._motors = motors
         self._slots = tuple(slots)
         self._frost = Frost()
-        self._held = b""  # the state that a stuck robot repeats
+        self._held = b""  # last state, which a stuck robot repeats
         self._late: deque[tuple[int, bytes]] = deque()
         self._lateness = Lateness()
-        self._late_of: dict[bytes, float] = {}  # of each participant, by its prefix
-        self._waiting: deque[tuple[int, Callable[[int], None]]] = deque()  # when what is taken up
+        self._late_of: dict[bytes, float] = {}  # delay in seconds by a participant's prefix
+        self._waiting: deque[tuple[int, Callable[[int], None]]] = deque()  # due time and handler
         self._domain = options.domain
         self._multicast = options.multicast
         self._host = options.host or own_host()
 
     @abstractmethod
     def make_endpoints(self, participant: Participant) -> None:
-        """Make writers and readers on a participant that has just been opened."""
+        """Create writers and readers on a participant that has just been opened."""
 
     @abstractmethod
     def advance(self, now_s: float) -> None:
-        """Let the robot's computer and body go on to this time."""
+        """Advance the robot's computer and body to this time."""
 
     @abstractmethod
     def say(self, tick: int, now_ns: int) -> None:
-        """Tell what is due at this tick. Not called without a cable."""
+        """Send the messages that are due at this tick. Not called while the cable is unplugged."""
 
     @abstractmethod
     def power_cycle(self) -> None: ...
@@ -88,7 +91,7 @@ class DdsServer(ABC):
             self.make_endpoints(self.participant)
 
     def unplug(self) -> None:
-        """Pull the cable. The robot itself does not notice, and goes on with its last command."""
+        """Pull the cable. The robot does not notice it and continues its last command."""
         if self.participant is not None:
             self.participant.close()
             self.participant = None
@@ -97,7 +100,7 @@ class DdsServer(ABC):
         self.unplug()
 
     async def serve(self) -> None:
-        """Until cancelled."""
+        """Run the robot until cancelled."""
         async with aclosing(self.clock.ticks(TICK_S)) as ticks:
             tick = 0
             async for now_ns in ticks:
@@ -111,11 +114,16 @@ class DdsServer(ABC):
                 if self.participant is not None:
                     self.say(tick, now_ns)
 
-    # -- what it hears and says
+    # -- messages received and sent
 
     def take(self, writer: bytes, t_ns: int, take_up: Callable[[int], None]) -> None:
-        """Take up what a writer has said: now, or later when its process is late. ``take_up`` is
-        given the time."""
+        """Handle a received message now, or later if its process was made late.
+
+        Args:
+            writer: The writer that sent it. Its prefix identifies the participant.
+            t_ns: When it was received.
+            take_up: Handles the message. It is called with the time.
+        """
         late_s = self._late_of.get(writer[:PREFIX_SIZE])
         if late_s is None:
             late_s = self._late_of[writer[:PREFIX_SIZE]] = self._how_late(writer[:PREFIX_SIZE])
@@ -130,16 +138,16 @@ class DdsServer(ABC):
 
     @property
     def is_off(self) -> bool:
-        """Return whether it neither hears nor says anything."""
+        """Return whether the robot has no power: it neither receives nor sends."""
         return self.faults.of(None) is Fault.OFF
 
     @property
     def lies(self) -> bool:
-        """Return whether what it says of its state is wrong."""
+        """Return whether the robot reports wrong values."""
         return self.faults.of(None) is Fault.WRONG
 
     def say_state(self, writer: Writer, state: bytes, now_ns: int) -> None:
-        """Send a state, as the present fault lets it."""
+        """Send a state message, altered by the present fault."""
         if self.faults.of(None) is not Fault.STUCK or not self._held:
             self._held = state
         reply = self.faults.apply(Reply(0.0, self._held))
@@ -150,13 +158,13 @@ class DdsServer(ABC):
             writer.write(self._late.popleft()[1])
 
     def note(self, kind: str, text: str) -> None:
-        """What the robot does by itself, for the log."""
+        """Log an action that the robot takes by itself."""
         self.log.write(time.monotonic_ns(), "robot", [(kind, text.encode())])
 
-    # -- what may happen to it
+    # -- events from outside
 
     def set_fault(self, text: str) -> None:
-        """``WORD`` or ``WORD:slot``. Raise ``ValueError`` for another word."""
+        """Set a fault, given as ``WORD`` or ``WORD:slot``. Raise ``ValueError`` for any other text."""
         fault, unit = parse_fault(text)
         if unit is None:
             self.faults.set(fault)
@@ -170,10 +178,10 @@ class DdsServer(ABC):
             )
 
     def be_late(self, lateness: Lateness) -> None:
-        """Take up later what one process says."""
+        """Delay the handling of the messages of one process."""
         self._lateness = lateness
         self._late_of.clear()
 
     def freeze(self, seconds: float) -> None:
-        """The robot neither reads nor says anything for so long; then it takes up what waited."""
+        """Stop reading and sending for so long. Then the robot handles the messages that waited."""
         self._frost.freeze(seconds)

@@ -1,15 +1,15 @@
-"""Faults of a robot, in PX4's words, and what each does to its replies.
+"""Faults of a robot, in PX4's words, and the effect of each on the robot's replies.
 
-``off``           no supply: hears nothing, says nothing, holds nothing
-``stuck``         answers with the readings it had, and does not move
+``off``           no supply: it receives nothing, sends nothing, holds nothing
+``stuck``         it repeats its last readings, and does not move
 ``garbage``       the bytes of its replies are damaged
 ``wrong``         well-formed replies with wrong values
-``slow``          replies later, within sane timeouts
-``delayed``       replies after any sane timeout, while the wire goes on
+``slow``          replies come later, within sane timeouts
+``delayed``       replies come after any sane timeout, without delaying other frames
 ``intermittent``  every third reply is missing
-``half-open``     hears and obeys, and nothing that it says arrives: one direction of the line is cut
+``half-open``     it receives and obeys, but its replies are lost: one direction of the line is cut
 
-``off``, ``stuck`` and ``wrong`` need to know what a reply means: the robot does them itself.
+``off``, ``stuck`` and ``wrong`` depend on the meaning of a reply, so each robot implements them itself.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ class Fault(enum.StrEnum):
 
 
 def parse_fault(text: str) -> tuple[Fault, int | None]:
-    """``WORD`` or ``WORD:unit``. Raise ``ValueError`` with the words there are."""
+    """Parse ``WORD`` or ``WORD:unit``. Raise ``ValueError``, which lists the words, for any other text."""
     word, colon, unit = text.partition(":")
     try:
         return Fault(word), int(unit) if colon else None
@@ -44,18 +44,17 @@ def parse_fault(text: str) -> tuple[Fault, int | None]:
 
 
 class Reply(NamedTuple):
-    """One frame from the robot. ``delay_s`` holds up what follows it on the wire, ``late_s`` does
-    not."""
+    """One frame from the robot. ``delay_s`` also delays the frames after it; ``late_s`` does not."""
 
     delay_s: float
     data: bytes
-    unit: int | None = None  # who says it: servo id, node; None on a wire with one speaker
+    unit: int | None = None  # the sender: servo id, node; None on a wire with a single sender
     kind: str = "read"
     late_s: float = 0.0
 
 
 class Faults:
-    """Which unit has which fault."""
+    """The present fault of each unit."""
 
     def __init__(self) -> None:
         self._everyone = Fault.OK
@@ -63,7 +62,7 @@ class Faults:
         self._replies: dict[int | None, int] = {}
 
     def set(self, fault: Fault, unit: int | None = None) -> None:
-        """Without a unit the fault is everyone's, and replaces what single units had."""
+        """Set a fault. Without a unit it applies to all units, and replaces the faults of single ones."""
         if unit is None:
             self._everyone = fault
             self._by_unit.clear()
@@ -75,8 +74,8 @@ class Faults:
         return self._everyone if unit is None else self._by_unit.get(unit, self._everyone)
 
     def apply(self, reply: Reply) -> Reply | None:
-        """Return what becomes of a reply; None: nothing is heard. The n-th reply always fares
-        alike."""
+        """Return the reply as the fault leaves it; None if it is lost. The result depends only on the
+        fault and on the number of replies before."""
         fault = self.of(reply.unit)
         if fault is Fault.OK or fault is Fault.STUCK or fault is Fault.WRONG:
             return reply
@@ -93,8 +92,7 @@ class Faults:
 
 
 def damaged(data: bytes, count: int) -> bytes:
-    """Never equal to ``data``: by turns a last byte that is wrong, noise for the whole, and a lost
-    end."""
+    """Return ``data`` with damage, never unchanged. In turn: a wrong last byte, noise, a missing end."""
     match count % 3:
         case 0:
             return data[:-1] + bytes(byte ^ 0x55 for byte in data[-1:])

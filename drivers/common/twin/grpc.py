@@ -1,7 +1,7 @@
-"""A robot behind a gRPC service: calls in, messages out, with the twin mechanism's faults.
+"""A robot behind a gRPC service: calls in, messages out, with the faults of a twin.
 
-Messages are handed over in the order of the wire, one after the other; the service answers each at
-once, or later, from a tick of its own.
+The service receives messages one after the other, in the order of the wire. It answers each at once,
+or later from a tick.
 """
 
 from __future__ import annotations
@@ -39,29 +39,27 @@ class ServerCall:
 
     @property
     def has_room(self) -> bool:
-        """Return whether the client has taken what was sent: a sample for one that has not is left
-        out."""
+        """Return whether the client has taken all data sent so far. If not, a sample is skipped."""
         return self.is_open and self.client.end.has_room(self._stream)
 
     def heard(self, t_ns: int, kind: str, message: bytes, safe_state: str | None = None) -> None:
-        """Log a message of the client's, without what HTTP/2 puts around it."""
+        """Log a message of the client, without its HTTP/2 frame."""
         self.client.connection.log.write(t_ns, "host", [(kind, message)], safe_state)
 
     def send(self, message: bytes) -> None:
-        """Send a message. Harmless when the call is over. A client that does not read loses the
-        connection."""
+        """Send a message. No effect when the call is over. A client that does not read is disconnected."""
         try:
             self.client.end.send(self._stream, message)
         except MalformedFrame:
             self.client.connection.abort()
 
     def end(self, status: Status = Status.OK, text: str = "") -> None:
-        """End it. Harmless when it is over."""
+        """End the call. No effect when it is over."""
         self.is_open = False
         self.client.end.end(self._stream, status, text)
 
     def answer(self, message: bytes) -> None:
-        """Send the one message of a unary call, and end it."""
+        """Send the only message of a unary call, and end the call."""
         if self.client.service.faults.apply(Reply(0.0, b"")) is not None:
             self.send(message)
             self.end()
@@ -73,17 +71,17 @@ class GrpcService(Protocol):
     faults: Faults
 
     def called(self, call: ServerCall) -> bool:
-        """Take a call. False: there is no such method."""
+        """Accept a call. Return False if there is no such method."""
         ...
 
     def message(self, call: ServerCall, t_ns: int, message: bytes) -> None:
-        """Take a message of it, read at ``t_ns``. Raise ``MalformedFrame``: the call ends with
+        """Handle a message of the call, read at ``t_ns``. On ``MalformedFrame`` the call ends with
         INTERNAL."""
         ...
 
     def over(self, call: ServerCall) -> None:
-        """The client sends nothing more on it, or has given it up, or is gone
-        (``call.is_open``)."""
+        """Handle the end of the client's messages. ``call.is_open`` is False if the client has cancelled
+        the call or is gone."""
         ...
 
 
@@ -98,7 +96,7 @@ class GrpcClient:
         self._leaving: deque[tuple[float, bytes]] = deque()
 
     def take(self, t_ns: int, data: bytes) -> None:
-        """Raise ``ClientGone`` for what cannot be understood, and when the client leaves."""
+        """Handle received bytes. Raise ``ClientGone`` if they are malformed, or the client leaves."""
         try:
             events = self.end.feed(data)
         except MalformedFrame:
@@ -119,8 +117,8 @@ class GrpcClient:
                     raise ClientGone
 
     def flush(self) -> None:
-        """Send what waits, as the faults have it: later, or damaged. In its order always: HTTP/2
-        allows no other."""
+        """Send the waiting bytes; a fault delays or damages them. The order stays the same, as HTTP/2
+        requires."""
         for stream in [stream for stream, call in self._calls.items() if not call.is_open]:
             del self._calls[stream]
         now_s = time.monotonic()
@@ -131,7 +129,7 @@ class GrpcClient:
             self.connection.send(self._leaving.popleft()[1])
 
     def close(self) -> None:
-        """The client is gone: so are its calls."""
+        """End all calls, because the client is gone."""
         for call in self._calls.values():
             self._end(call)
         self._calls.clear()
@@ -168,7 +166,7 @@ class GrpcHost:
         self._clients: set[GrpcClient] = set()
 
     async def serve(self, connection: Connection) -> None:
-        """The ``Handler`` of its port: serve one client until it is gone."""
+        """Serve one client until it is gone. This is the ``Handler`` of the port."""
         client = GrpcClient(self._service, connection, self._max_message)
         self._clients.add(client)
         try:
@@ -182,6 +180,6 @@ class GrpcHost:
             client.close()
 
     def flush(self) -> None:
-        """Send what the service has said since. Call it at every tick."""
+        """Send the messages that the service has produced since the last call. Call it at every tick."""
         for client in list(self._clients):
             client.flush()

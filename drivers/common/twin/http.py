@@ -1,5 +1,4 @@
-"""A robot behind an HTTP service: requests in, responses out, with the twin mechanism's faults. No
-framework."""
+"""A robot behind an HTTP service: requests in, responses out, with the faults of a twin. No framework."""
 
 from __future__ import annotations
 
@@ -14,12 +13,11 @@ from .server import Exchange
 from .tcp import ClientGone, Handler, answering
 
 MAX_REQUEST = 4 << 20
-"""Bytes of a body: speech is uploaded as a WAV file."""
+"""Largest body in bytes. Speech is uploaded as a WAV file."""
 
 
 class Answer(NamedTuple):
-    """What the service does with a request. ``kind`` and ``safe_state``: the request, in the words
-    of the wire log."""
+    """The response of the service. ``kind`` and ``safe_state`` describe the request in the wire log."""
 
     status: int
     body: bytes
@@ -33,13 +31,12 @@ class Service(Protocol):
     faults: Faults
 
     def answer(self, request: Request) -> Answer:
-        """Do what a request says. Without supply (``Fault.OFF``) it is heard by nobody: not
-        called."""
+        """Carry out a request. Not called while the robot has no power (``Fault.OFF``)."""
         ...
 
 
 class HttpSession:
-    """What hears one client."""
+    """The session of one client."""
 
     def __init__(self, service: Service) -> None:
         self._service = service
@@ -50,7 +47,7 @@ class HttpSession:
             for request in self._end.feed(data):
                 yield self._exchange(request)
         except MalformedFrame:
-            raise ClientGone from None  # as a server does with what it cannot follow
+            raise ClientGone from None  # A real server also disconnects on a malformed request.
 
     def _exchange(self, request: Request) -> Exchange:
         service = self._service
@@ -62,6 +59,6 @@ class HttpSession:
 
 
 def serving(service: Service) -> Handler:
-    """Return the handler of the port at which a service listens."""
+    """Return the handler of the port on which a service listens."""
     new_session: Callable[[], HttpSession] = lambda: HttpSession(service)  # noqa: E731
     return answering(new_session)

@@ -1,8 +1,8 @@
-"""How late a robot takes up what one process has sent.
+"""Delay the handling of one process's requests.
 
 A controller serves its clients one after the other. A request that waits in one client's queue is
-then carried out after a newer request of another client. That is how a stop of the root overtakes
-what the wire process sent before it was killed.
+then carried out after a newer request of another client. In this way a stop of the root can overtake
+a request that the wire process sent before it was killed.
 """
 
 from __future__ import annotations
@@ -18,15 +18,15 @@ _LOCAL, _INODE = 1, 9
 
 
 class Lateness:
-    """The requests of process ``pid`` are taken up ``seconds`` after they arrive. 0: no process is
-    late."""
+    """The requests of process ``pid`` are handled ``seconds`` after they arrive; with 0 s none is
+    delayed."""
 
     def __init__(self, pid: int = 0, seconds: float = 0.0) -> None:
         self._pid = pid
         self.seconds = seconds
 
     def of(self, sock: socket.socket) -> float:
-        """Return how late the requests of this connection are, in seconds."""
+        """Return the delay of this connection's requests in seconds."""
         if not self.seconds:
             return 0.0
         if sock.family == socket.AF_UNIX:
@@ -35,11 +35,10 @@ class Lateness:
         try:
             return self.of_address(sock.getpeername(), "tcp")
         except OSError:
-            return 0.0  # the client is gone, and was not late
+            return 0.0  # the client is gone
 
     def of_address(self, address: tuple[str, int], table: str = "udp") -> float:
-        """Return how late the requests from this address are, in seconds. ``table``: ``tcp`` or
-        ``udp``."""
+        """Return the delay of requests from this address in seconds. ``table`` is ``tcp`` or ``udp``."""
         if not self.seconds:
             return 0.0
         host, port = address[:2]
@@ -58,7 +57,7 @@ def _sockets_of(pid: int) -> set[str]:
             try:
                 found.add(os.readlink(f"{directory}/{name}"))
             except FileNotFoundError:
-                continue  # it was closed meanwhile
+                continue  # The descriptor was closed meanwhile.
     except FileNotFoundError:
-        return set()  # the process has ended
+        return set()  # The process has ended.
     return found

@@ -1,4 +1,4 @@
-"""The robot's end of a cable: what a twin reads from and writes to."""
+"""The robot's end of a cable, which a twin reads and writes."""
 
 from __future__ import annotations
 
@@ -24,20 +24,20 @@ class Channel(Protocol):
     """One conversation with one client."""
 
     def bits_per_s(self) -> int | None:
-        """Return the rate the client speaks at; None on a wire where bytes cost no time."""
+        """Return the client's bit rate; None on a wire where bytes take no time."""
         ...
 
     async def receive(self) -> tuple[int, bytes]:
-        """Return the next bytes and when they were read (CLOCK_MONOTONIC ns). Waits while
+        """Return when the next bytes were read (ns of CLOCK_MONOTONIC), and the bytes. Wait while
         unplugged."""
         ...
 
     def send(self, data: bytes) -> None:
-        """Never waits: what nobody takes is lost, as on any wire."""
+        """Send without waiting. Bytes that do not fit into the buffer are lost, as on any wire."""
         ...
 
     def quiet_for(self, seconds: float) -> bool:
-        """Block until then; False at once when bytes wait to be received."""
+        """Block for so long and return True. Return False at once when bytes have arrived."""
         ...
 
 
@@ -46,7 +46,7 @@ class Line(Channel, Protocol):
 
     @property
     def address(self) -> str:
-        """Return where a client connects. Stays the same when the cable is pulled and put back."""
+        """Return where a client connects. It stays the same after the cable was pulled and put back."""
         ...
 
     def plug(self) -> None: ...
@@ -59,13 +59,19 @@ class Line(Channel, Protocol):
 class PtyLine:
     """A serial port: a pseudo-terminal behind a symbolic link.
 
-    The link is the address: it goes when the cable is pulled and points to a new terminal when it
-    is put back, as /dev entries of USB adapters do.
+    The link is the address. It disappears when the cable is pulled, and points to a new terminal when
+    the cable is put back, as /dev entries of USB adapters do.
     """
 
     def __init__(self, link: str | None = None) -> None:
-        """``link``: where the port appears; default: in a temporary directory. Raise
-        ``FileExistsError`` when something that is not a link has that name."""
+        """Prepare the port, unplugged.
+
+        Args:
+            link: Path at which the port appears; by default in a temporary directory.
+
+        Raises:
+            FileExistsError: The path exists and is not a link.
+        """
         if link and os.path.lexists(link) and not os.path.islink(link):
             raise FileExistsError(f"{link} exists and is not a link: choose another name for the port")
         self._directory = None if link else tempfile.mkdtemp(prefix="strands-twin-")
@@ -81,7 +87,7 @@ class PtyLine:
     def plug(self) -> None:
         if self._master >= 0:
             return
-        # we keep the client's side open too: else its close would be our end of file
+        # Keep the client's side open, too. Otherwise a client's close would be an end of file here.
         self._master, self._slave = os.openpty()
         tty.setraw(self._slave)
         os.set_blocking(self._master, False)
@@ -97,7 +103,7 @@ class PtyLine:
             return
         self._plugged = trio.Event()
         with contextlib.suppress(FileNotFoundError):
-            os.unlink(self._link)  # the terminal's number may soon be somebody else's
+            os.unlink(self._link)  # Another process may soon get the same terminal.
         trio.lowlevel.notify_closing(self._master)
         os.close(self._master)
         os.close(self._slave)
@@ -118,17 +124,17 @@ class PtyLine:
                 return time.monotonic_ns(), data
 
     async def readable(self) -> None:
-        """Return when there may be something to take. Waits while unplugged."""
+        """Wait until there may be bytes to take. Wait while unplugged, too."""
         while True:
             await self._plugged.wait()
-            if self._master < 0:  # pulled again before we got to run
+            if self._master < 0:  # The cable was pulled again before this task ran.
                 continue
             with contextlib.suppress(trio.ClosedResourceError):
                 await trio.lowlevel.wait_readable(self._master)
                 return
 
     def take(self) -> bytes:
-        """Return what has arrived, without waiting."""
+        """Return the bytes that have arrived, without waiting."""
         with contextlib.suppress(BlockingIOError):
             if self._master >= 0:
                 return os.read(self._master, CHUNK)
@@ -145,12 +151,12 @@ class PtyLine:
 
 
 _TCGETS2 = 0x802C542A
-"""asm-generic/ioctls.h: struct termios2, 44 bytes, whose last word is the output rate in bit/s.
-Unlike tcgetattr it knows rates that have no B constant: 250 000, 128 000, 76 800."""
+"""asm-generic/ioctls.h: struct termios2, 44 bytes; its last word is the output rate in bit/s.
+Unlike tcgetattr it reports rates that have no B constant: 250 000, 128 000, 76 800."""
 
 
 def terminal_rate(fd: int) -> int:
-    """Return the rate, bit/s, that whoever opened this terminal has set."""
+    """Return the rate in bit/s that the client of this terminal has set."""
     if not sys.platform.startswith("linux"):
         return int(termios.tcgetattr(fd)[5])
     words = array.array("I", bytes(44))

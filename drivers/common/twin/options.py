@@ -1,6 +1,6 @@
-"""Options of a twin as a struct, as those of a driver are: types, ranges and meanings stand once.
+"""Options of a twin as a struct, like those of a driver. Type, range and meaning stand in one place.
 
-They come as text from a command line, too: ``arm=false`` is no text that is true.
+Values may be text from a command line. ``arm=false`` is parsed as False, not as a non-empty text.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ class TwinOptions(DriverOptions, frozen=True):
 
 
 class HostOption(TwinOptions, frozen=True):
-    """Of a twin on a network whose ports are fixed."""
+    """Options of a twin on a network with fixed ports."""
 
     host: Annotated[str | None, option("address to serve at; None: one of its own in 127.0.0.0/8")] = None
 
@@ -25,7 +25,7 @@ Port = Annotated[int, option("port to serve at; 0: any free one", ge=0, le=65535
 
 
 class NetworkOptions(HostOption, frozen=True):
-    """Of a twin on a network."""
+    """Options of a twin on a network."""
 
     port: Port = 0
 
@@ -34,8 +34,16 @@ Options = TypeVar("Options", bound=TwinOptions)
 
 
 def read_twin_options(robot: str, options: type[Options], given: Mapping[str, Any] | None) -> Options:
-    """Return what a twin's ``main`` was given as a struct; a number or a bool may be text. Raise
-    ``ValueError`` for an option that is not there, or a value that is not accepted."""
+    """Convert the options given to a twin's ``main`` into its struct.
+
+    Args:
+        robot: The robot's name, for error messages.
+        options: The struct.
+        given: The options. A number or a bool may be text.
+
+    Raises:
+        ValueError: An option does not exist, or a value is not accepted.
+    """
     try:
         return convert_options(robot, options, given or {}, from_text=True)
     except TypeError as unknown:

@@ -23,13 +23,13 @@ from .server import Robot, Server
 from .wirelog import WireLog
 
 LINGER_S = 3.0
-"""How long a twin outlives its parent, so that what others still write is logged."""
+"""How long a twin outlives its parent, so that frames that other processes still write are logged."""
 
 _STDIN = 0
 
 
 class Served(Protocol):
-    """A robot on its wire. ``address`` is what the port file says: a path, or host:port."""
+    """A robot on its wire. ``address`` is the content of the port file: a path, or host:port."""
 
     @property
     def address(self) -> str: ...
@@ -44,22 +44,22 @@ class Served(Protocol):
 
 @runtime_checkable
 class Orderly(Protocol):
-    """A robot that has control lines of its own."""
+    """A robot with additional control lines."""
 
     def order(self, words: Sequence[str]) -> bool:
-        """Carry one out. False: it is none of this robot's."""
+        """Carry out a control line. Return False if this robot does not know it."""
         ...
 
 
 @runtime_checkable
 class ManyClients(Protocol):
-    """A robot that takes up what its clients send in an order of its own."""
+    """A robot that can handle the requests of one client later than those of another."""
 
     def be_late(self, lateness: Lateness) -> None: ...
 
 
 class Control(Protocol):
-    """The simulation control of a robot, while it is served."""
+    """The simulation control of a robot."""
 
     async def get_ready(self) -> None: ...
     async def serve(self) -> None: ...
@@ -67,32 +67,38 @@ class Control(Protocol):
 
 
 class Start(TypedDict, total=False):
-    """What the ``main`` of every twin is told."""
+    """Arguments of every twin's ``main``."""
 
     port_file: str | None
-    """Holds the wire's address as long as it is served."""
+    """Path of the file that holds the wire's address while it is served."""
     log: str | None
     """Path of the wire log."""
     fault: str | None
-    """``WORD[:unit]``, from the beginning."""
+    """Fault from the beginning, ``WORD[:unit]``."""
     parent_fd: int | None
-    """At its end the twin's parent is gone."""
+    """Descriptor that reaches its end of file when the twin's parent ends."""
     control: str | None
-    """Where the robot's body is served as a simulation, too (see ``common.control``)."""
+    """Path of the socket of the simulation control (see ``common.simulation_control``)."""
     place: Mapping[str, Any] | None
-    """Where its base stands there: ``position`` in metres and ``orientation``, w x y z."""
+    """Pose of the robot's base in the simulation: ``position`` in metres, ``orientation`` as w x y z."""
     pictures: bool
-    """Whether others draw its scene, and want it before anything moves."""
+    """Whether other processes draw the scene. They need it before anything moves."""
     on_wire: bool
-    """Whether the robot is driven by its wire alone; the control then serves those who look."""
+    """Whether only the wire drives the robot. The simulation control then serves viewers only."""
 
 
 def run(robot: Robot, line: Line, *, wire_time: bool = True, **start: Unpack[Start]) -> None:
-    """Serve until SIGTERM, SIGINT or ``LINGER_S`` after ``parent_fd`` reached its end. SIGUSR1
-    takes the robot's power away and gives it back.
+    """Serve a robot until SIGTERM or SIGINT, or until ``LINGER_S`` after ``parent_fd`` reached its end.
 
-    When stdin is a pipe it takes lines: ``fault WORD[:unit]``, ``power-cycle``, ``unplug``,
-    ``plug``, ``freeze SECONDS``; with several clients also ``late PID SECONDS`` (see ``lateness``).
+    SIGUSR1 cycles the robot's power. If stdin is a pipe, it takes control lines: ``fault WORD[:unit]``,
+    ``power-cycle``, ``unplug``, ``plug``, ``freeze SECONDS``. A twin with several clients also takes
+    ``late PID SECONDS`` (see ``lateness``).
+
+    Args:
+        robot: The robot.
+        line: Its end of the cable.
+        wire_time: Whether replies take the time that their bytes take at the client's rate.
+        start: See ``Start``.
     """
 
     def build(wire_log: WireLog) -> Server:
@@ -102,11 +108,14 @@ def run(robot: Robot, line: Line, *, wire_time: bool = True, **start: Unpack[Sta
 
 
 def run_server(build: Callable[[WireLog], Served], **start: Unpack[Start]) -> None:
-    """As ``run``, for what ``build`` makes of the wire log. Raise ``ValueError`` for a ``control``
-    on a robot that shows no body.
+    """As ``run``, for the server that ``build`` makes with the wire log.
 
-    A twin on a wire runs before others, as a robot has a computer of its own. A simulation does not:
-    a program that steps it without a pause would take the processor from everybody."""
+    A twin on a wire runs with priority, because a real robot has a separate computer. A simulation has
+    no priority: a program that steps it without a pause would keep all other processes from running.
+
+    Raises:
+        ValueError: ``control`` is given, and the robot has no body.
+    """
     if start.get("control") is None or start.get("on_wire"):
         run_first(TWIN_PRIORITY)
     trio.run(functools.partial(_main, build, **start))
@@ -162,8 +171,12 @@ async def _main(
 
 
 def _open_control(path: str, server: Served, log: WireLog, place: Mapping[str, Any] | None, holds: bool) -> Control:
-    """``holds``: the simulation holds the robot where it begins, until somebody lets go of it."""
-    # here: they bring MuJoCo, which not every twin has loaded
+    """Open the simulation control.
+
+    Args:
+        holds: The simulation holds the robot in its first pose, until a client releases it.
+    """
+    # Imported here, because these modules import MuJoCo, which not every twin has loaded.
     from strands_actors.drivers.common.physics.scenery import scenery_of
     from strands_actors.drivers.common.simulation_control.server import SimulationControl
 
@@ -201,7 +214,7 @@ async def _obey(server: Served) -> None:
 
 
 def command(server: Served, line: str) -> None:
-    """One control line. Raise ``ValueError`` with the lines there are."""
+    """Carry out one control line. Raise ``ValueError``, which lists the lines, for an unknown one."""
     match line.split():
         case []:
             pass

@@ -1,5 +1,7 @@
-"""Between wire and robot: stamps and logs what comes, hands it over, sends replies when they are
-due."""
+"""The server between wire and robot.
+
+It stamps and logs the received bytes, passes them to the robot, and sends each reply when it is due.
+"""
 
 from __future__ import annotations
 
@@ -21,30 +23,35 @@ from .wirelog import WireLog
 BITS_PER_BYTE = 10  # 8N1
 
 SHORT_WAIT_S = 0.002
-"""Waits up to this block the process, unless the host speaks: half the price of a turn of the event
-loop, and a twin has nothing else to do."""
+"""Waits up to this long block the process until the host sends bytes. This costs half as much as a turn
+of the event loop, and a twin has nothing else to do."""
 
 
 class Exchange(NamedTuple):
-    """One frame of the host, as it was on the wire, and the replies to it, in their order."""
+    """One frame of the host, as it was on the wire, and the replies to it in order."""
 
     kind: str
     request: bytes
     replies: Sequence[Reply]
-    safe_state: str | None = None  # what it brings the whole robot to by itself; None: nobody has said
+    safe_state: str | None = None  # the safe state that this frame alone brings about; None if unknown
 
 
 class TwinSession(Protocol):
-    """What hears one client. Pure but for the time its plant reads."""
+    """The robot's side of one client. Pure, except that its plant reads the time."""
 
     def receive(self, data: bytes, bits_per_s: int | None) -> Iterator[Exchange]:
-        """Act on bytes of the host, in any pieces. One exchange per frame; its request is logged
-        before the next is asked for. ``bits_per_s``: the host's rate, where there is one."""
+        """Act on bytes of the host and yield one exchange per frame. The caller logs each request before
+        it takes the next exchange.
+
+        Args:
+            data: The bytes, in pieces of any size.
+            bits_per_s: The host's rate; None where bytes take no time.
+        """
         ...
 
 
 class Controls(Protocol):
-    """What may happen to a robot."""
+    """Events that a test can cause in a robot."""
 
     def set_fault(self, fault: Fault, unit: int | None) -> None: ...
 
@@ -52,11 +59,11 @@ class Controls(Protocol):
 
 
 class Robot(TwinSession, Controls, Protocol):
-    """What a wire's twin is to the server, where the robot hears one client only."""
+    """The interface of a wire's twin to the server, for a robot with a single client."""
 
 
 class Frost:
-    """Until when the robot neither reads nor answers."""
+    """A freeze of the robot, during which it neither reads nor answers."""
 
     def __init__(self) -> None:
         self._thaw_s = 0.0
@@ -69,15 +76,16 @@ class Frost:
             await trio.sleep_until(self._thaw_s)
 
     async def every(self, period_s: float, step: Callable[[], None]) -> None:
-        """Call ``step`` once a period while the robot is not frozen, until cancelled. A period that was
-        missed is made up for at once, more are not."""
+        """Call ``step`` once a period until cancelled, except while the robot is frozen. At most one missed
+        period is made up for."""
         period_ns = round(period_s * NS)
         due_ns = time.monotonic_ns()
-        alarm = new_alarm()  # trio's own sleep costs as much as a step of an arm
+        alarm = new_alarm()  # because trio's sleep costs as much as a step of an arm
         try:
             while True:
                 await self.thawed()
-                await trio.lowlevel.checkpoint()  # what was woken together with us first reads what has come
+                # Tasks that were woken together with this one first read the bytes that have come.
+                await trio.lowlevel.checkpoint()
                 step()
                 due_ns = max(due_ns + period_ns, time.monotonic_ns() - period_ns)
                 alarm.set(due_ns)
@@ -93,12 +101,16 @@ class _Departure(NamedTuple):
 
 
 class Conversation:
-    """One client and what hears it: requests in, replies out when they are due."""
+    """One client and its session: requests in, replies out when they are due."""
 
     def __init__(
         self, session: TwinSession, channel: Channel, log: WireLog, frost: Frost, *, wire_time: bool = True
     ) -> None:
-        """``wire_time``: replies take the time their bytes take at the client's rate."""
+        """Prepare the conversation.
+
+        Args:
+            wire_time: Whether replies take the time that their bytes take at the client's rate.
+        """
         self._session = session
         self._channel = channel
         self._log = log
@@ -110,7 +122,7 @@ class Conversation:
         self._line_free_ns = 0
 
     async def serve(self) -> None:
-        """Until cancelled."""
+        """Read and answer until cancelled."""
         try:
             async with trio.open_nursery() as nursery:
                 nursery.start_soon(self._read)
@@ -119,14 +131,14 @@ class Conversation:
             self._alarm.close()
 
     async def serve_replies(self) -> None:
-        """As ``serve``, for a client that somebody else listens to: see ``heard``."""
+        """As ``serve``, when other code reads the client's frames and passes them to ``heard``."""
         try:
             await self._send()
         finally:
             self._alarm.close()
 
     def heard(self, exchange: Exchange, t_ns: int) -> None:
-        """Log a frame, and send the replies to it when they are due."""
+        """Log a received frame, and send the replies to it when they are due."""
         self._log.write(t_ns, "host", [(exchange.kind, exchange.request)], exchange.safe_state)
         self._schedule(exchange, t_ns, self._channel.bits_per_s())
 
@@ -152,7 +164,7 @@ class Conversation:
             due_ns += on_wire_ns
             in_time.append(frame)
         self._line_free_ns = due_ns
-        if in_time:  # in one piece, as an adapter's buffer would hand them over
+        if in_time:  # in one piece, as from an adapter's buffer
             self._depart(due_ns, in_time)
 
     def _depart(self, due_ns: int, frames: list[tuple[str, bytes]]) -> None:
@@ -173,12 +185,13 @@ class Conversation:
                 self._alarm.set(self._departures[0].due_ns)
 
     def _write(self, frames: list[tuple[str, bytes]]) -> None:
-        self._log.write(time.monotonic_ns(), "robot", frames)  # first: what was heard is in the log
+        # Log first, so that the log contains every frame that the host has received.
+        self._log.write(time.monotonic_ns(), "robot", frames)
         self._channel.send(b"".join(data for _, data in frames))
 
 
 class Server:
-    """Serves one robot on one line. Its methods are what may happen to the robot while it runs."""
+    """Serve one robot on one line. The public methods cause events while the robot runs."""
 
     def __init__(self, robot: Robot, line: Line, log: WireLog, *, wire_time: bool = True) -> None:
         self._robot = robot
@@ -192,29 +205,29 @@ class Server:
 
     @property
     def body(self) -> Body:
-        """Raise ``ValueError`` for a robot that shows none."""
+        """The robot's body. Raise ``ValueError`` for a robot without one."""
         return body_of(self._robot)
 
     def set_fault(self, text: str) -> None:
-        """``WORD`` or ``WORD:unit``. Raise ``ValueError`` for another word."""
+        """Set a fault, given as ``WORD`` or ``WORD:unit``. Raise ``ValueError`` for any other text."""
         self._robot.set_fault(*parse_fault(text))
 
     def power_cycle(self) -> None:
         self._robot.power_cycle()
 
     def unplug(self) -> None:
-        """Pull the cable. The robot itself does not notice."""
+        """Pull the cable. The robot does not notice it."""
         self._line.unplug()
 
     def plug(self) -> None:
         self._line.plug()
 
     def freeze(self, seconds: float) -> None:
-        """The robot neither reads nor answers for so long; then it takes up what waited."""
+        """Stop reading and answering for so long. Then the robot handles the bytes that waited."""
         self._frost.freeze(seconds)
 
     async def serve(self) -> None:
-        """Until cancelled."""
+        """Serve until cancelled."""
         await self._conversation.serve()
 
     def close(self) -> None:

@@ -1,4 +1,5 @@
-"""The robot's end of a bus of position servos: who hears a request, when, and with which fault."""
+"""The robot's end of a bus of position servos: it decides which servo receives a request, and with which
+fault."""
 
 from __future__ import annotations
 
@@ -19,19 +20,19 @@ from .process import Start, run
 from .server import Exchange, Robot
 
 TORN_FRAME_S = 0.01
-"""A frame whose rest does not come for so long is given up [assumed]."""
+"""An incomplete frame is dropped after a pause of so long [assumed]."""
 
 ZERO_COUNT = 2048
-"""Where the encoder stands when the joint is at 0 rad."""
+"""Count of the encoder when the joint is at 0 rad."""
 
 LED_S = 0.005
-"""A joint that is led to its goal gets a new target so often."""
+"""Period of new targets for a joint that moves to its goal at a set rate."""
 
 LED_AT_MOST_S = 0.25
-"""Longer than nobody asked: what was before is not caught up with."""
+"""Targets are caught up for at most so long. Time before that is skipped if no request came."""
 
 AHEAD_RAD = 0.3
-"""A target is not led further away from a joint that something holds."""
+"""Largest distance between a moving target and a joint that is blocked."""
 
 COUNTS = 4096
 COUNTS_PER_RAD = COUNTS / (2 * math.pi)
@@ -49,7 +50,7 @@ class Register(Protocol):
 
 
 class Reading(NamedTuple):
-    """What the encoder and the current sensor feel. ``load``: -1..1 of the servo's stall torque."""
+    """Values of the encoder and the current sensor. ``load`` is -1..1 of the servo's stall torque."""
 
     rad: float
     rad_s: float
@@ -57,11 +58,15 @@ class Reading(NamedTuple):
 
 
 class TwinServo(ABC):
-    """One servo: a control table, and what it does to the joint. ``reading`` is brought up to date
-    by the bus before every request."""
+    """One servo: its control table and its effect on the joint. The bus updates ``reading`` before every
+    request."""
 
     def __init__(self, plant: Plant, joint: int, table: bytearray, voltage_v: float, room_c: float) -> None:
-        """``table``: as at delivery."""
+        """Set up the servo.
+
+        Args:
+            table: The control table as at delivery.
+        """
         self.plant = plant
         self.joint = joint
         self.factory = bytes(table)
@@ -71,15 +76,15 @@ class TwinServo(ABC):
         self.voltage_v = voltage_v
         self.temperature_c = room_c
         self.rate_rad_s = 0.0
-        """At which the target is on its way; 0: it is where it should be."""
+        """Rate at which the target moves; 0 if it has arrived."""
         self.aimed_rad = self.reading.rad
-        """Where the target is on its way to, or last was."""
+        """Goal to which the target moves, or at which it has arrived."""
         self._target_rad = self.reading.rad
 
-    # -- on the way to a goal
+    # -- moving to a goal
 
     def lead(self, rad: float, rate_rad_s: float = 0.0) -> None:
-        """Go to a goal, with a rate at it, without one as fast as the joint can."""
+        """Go to a goal at this rate. With rate 0, go as fast as the joint can."""
         self.aimed_rad = rad
         if rate_rad_s <= 0:
             self.rate_rad_s = 0.0
@@ -90,23 +95,23 @@ class TwinServo(ABC):
         self.rate_rad_s = rate_rad_s
 
     def turn(self, rate_rad_s: float) -> None:
-        """Turn, for ever. At rate 0 it holds where it is."""
+        """Turn without end. At rate 0, hold the present position."""
         if rate_rad_s == 0.0:
             self.lead(self.reading.rad)
             return
         self.lead(math.copysign(math.inf, rate_rad_s), abs(rate_rad_s))
 
     def stand(self) -> None:
-        """Go nowhere any more."""
+        """Stop moving the target."""
         self.rate_rad_s, self.aimed_rad = 0.0, self.reading.rad
 
     @property
     def led_rad(self) -> float:
-        """Return where the target is."""
+        """Return the present target."""
         return self._target_rad if self.rate_rad_s else self.aimed_rad
 
     def go_on(self, rad: float, seconds: float) -> None:
-        """The joint is at ``rad``, and time passes."""
+        """Move the target on for ``seconds``, while the joint is at ``rad``."""
         step = self.rate_rad_s * seconds
         target = self._target_rad + max(-step, min(step, self.aimed_rad - self._target_rad))
         self._target_rad = max(rad - AHEAD_RAD, min(rad + AHEAD_RAD, target))
@@ -120,20 +125,20 @@ class TwinServo(ABC):
     @property
     @abstractmethod
     def bits_per_s(self) -> int | None:
-        """Return the rate it listens at; None: its register says nonsense."""
+        """Return the rate at which it receives; None if its register has no valid value."""
 
     @property
     @abstractmethod
     def return_delay_s(self) -> float: ...
     @abstractmethod
     def sense(self) -> None:
-        """Bring the read-only registers up to date."""
+        """Update the read-only registers."""
 
     @abstractmethod
     def power_cycle(self) -> None: ...
     @abstractmethod
     def protect(self, now_s: float) -> None:
-        """What the firmware does by itself as time passes."""
+        """Do the firmware's own protective actions that are due at this time."""
 
     def get(self, register: Register) -> int:
         end = register.address + register.size
@@ -151,7 +156,7 @@ class TwinServo(ABC):
     def fault(self, fault: Fault) -> None:
         if fault is self._fault:
             return
-        self.sense()  # the last readings of a servo that gets stuck
+        self.sense()  # A stuck servo repeats these readings.
         before, self._fault = self._fault, fault
         self.plant.set_stuck(self.joint, fault is Fault.STUCK)
         if Fault.OFF in (before, fault):
@@ -162,8 +167,7 @@ ServoT = TypeVar("ServoT", bound=TwinServo)
 
 
 class ServoBus(ABC, Generic[ServoT, PacketT]):
-    """Requests in, replies out. Time passes between calls, on the clock it is given; it never
-    waits."""
+    """Requests in, replies out. Time passes between calls, on the given clock. No method waits."""
 
     def __init__(
         self, plant: Plant, servos: Sequence[ServoT], decoder: Decoder[PacketT], now_s: Callable[[], float]
@@ -178,24 +182,29 @@ class ServoBus(ABC, Generic[ServoT, PacketT]):
 
     @abstractmethod
     def exchange(self, packet: PacketT, replies: Sequence[Reply]) -> Exchange:
-        """For the log: what a request means."""
+        """Return the exchange of a request, with its meaning for the log."""
 
     @abstractmethod
     def answer(self, packet: PacketT, hearing: Mapping[int, Sequence[ServoT]]) -> Iterable[Reply | None]:
-        """Do what a request says. ``hearing``: by id; several servos on one id all answer, as on a
-        real bus."""
+        """Carry out a request and yield the replies.
+
+        Args:
+            packet: The request.
+            hearing: The servos that receive it, by id. Several servos with the same id all answer, as on
+                a real bus.
+        """
 
     def receive(self, data: bytes, bits_per_s: int | None) -> Iterator[Exchange]:
         now_s = self.now_s()
         if now_s - self._heard_s > TORN_FRAME_S:
-            self._decoder.clear()  # else a damaged length would swallow the frames that follow
+            self._decoder.clear()  # Otherwise a damaged length would swallow the next frames.
         self._heard_s = now_s
         for packet in self._decoder.feed(data):
             yield self.exchange(packet, self.handle(packet, bits_per_s))
 
     def handle(self, packet: PacketT, bits_per_s: int | None = None) -> list[Reply]:
-        """One request. A servo set to another rate than ``bits_per_s`` does not hear it (None: all
-        do)."""
+        """Carry out one request. A servo with another rate than ``bits_per_s`` does not receive it; with
+        None all do."""
         self.pass_time()
         return self.with_faults(self.answer(packet, self.hearing(bits_per_s)))
 
@@ -211,7 +220,7 @@ class ServoBus(ABC, Generic[ServoT, PacketT]):
         return [reply for reply in faulty if reply]
 
     def set_fault(self, fault: Fault, unit: int | None = None) -> None:
-        """``unit``: a servo's id as it is now; None: all."""
+        """Set a fault of the servo that now has the id ``unit``, or of all servos."""
         self.pass_time()
         self.faults.set(fault, unit)
         for servo in self.servos:
@@ -235,7 +244,7 @@ class ServoBus(ABC, Generic[ServoT, PacketT]):
             servo.protect(now_s)
 
     def _lead_to(self, now_s: float) -> None:
-        """The targets of joints that are on their way move as time does."""
+        """Move the targets of joints that go to a goal on to this time."""
         at_s, self._led_s = max(self._led_s, now_s - LED_AT_MOST_S), now_s
         while at_s < now_s and (on_the_way := [servo for servo in self.servos if servo.rate_rad_s]):
             step_s = min(LED_S, now_s - at_s)

@@ -1,8 +1,8 @@
-"""A robot behind TCP ports: many clients, each with a conversation of its own.
+"""A robot behind TCP ports: many clients, each with a separate conversation.
 
-Every twin has a host address of its own, 127.x.y.z, since several wires have fixed ports. Pulling
-the cable ends every connection and refuses new ones; a robot that is frozen takes them and says
-nothing.
+Every twin has a separate host address, 127.x.y.z, since several wires have fixed ports. Pulling the
+cable ends every connection and refuses new ones. A frozen robot accepts connections and does not
+answer.
 """
 
 from __future__ import annotations
@@ -37,15 +37,15 @@ class ClientGone(Exception):
 
 
 class Connection:
-    """One client: a ``Channel``, and for handlers that talk unasked ``heard`` and ``say``."""
+    """One client: a ``Channel``, with ``heard`` and ``say`` for handlers that send without a request."""
 
     def __init__(self, sock: socket.socket, log: WireLog, frost: Frost) -> None:
         self._sock = sock
         self.late_s = 0.0
-        """What it sends is taken up so much later, in its order."""
+        """Delay of the client's requests in seconds. Their order stays the same."""
         self.log = log
         self.frost = frost
-        self._owed = b""  # what the client has not taken yet of an offer
+        self._owed = b""  # the rest of an offer that the client has not taken yet
         self._offers = False
 
     @property
@@ -60,7 +60,7 @@ class Connection:
         return None
 
     def quiet_for(self, seconds: float) -> bool:
-        return False  # others are served by the same loop: nobody may block it
+        return False  # Blocking would hold up the other clients of this loop.
 
     async def receive(self) -> tuple[int, bytes]:
         """Return the next bytes and when they were read. Raise ``ClientGone``."""
@@ -80,30 +80,30 @@ class Connection:
             return time.monotonic_ns(), data
 
     def send(self, data: bytes) -> None:
-        """Never waits. A client that does not take a frame whole loses the connection: the rest
-        would not be understood."""
+        """Send without waiting. A client that cannot take the whole frame is disconnected, because it could
+        not decode a part."""
         try:
             sent = self._sock.send(data)
         except BlockingIOError:
             sent = 0
         except OSError:
-            return  # its end is read, too
+            return  # ``receive`` notices the end of the connection.
         if sent != len(data):
             self.abort()
 
     @property
     def takes(self) -> bool:
-        """Return whether the last offer was taken whole; what is left of it is sent first."""
+        """Return whether the client has taken the whole last offer. Send the rest of it first."""
         if self._owed:
             self._owed = self._owed[self._sent(self._owed) :]
         return not self._owed
 
     def offer(self, data: bytes) -> None:
-        """Send what a client may also not read, as those do that only came to say something: then
-        frames are left out, whole ones."""
-        if not self._offers:  # what nobody reads is not kept by the megabyte, nor the work done for it
+        """Send a frame that the client need not read, for example a client that only sends. While it does
+        not read, whole frames are skipped."""
+        if not self._offers:  # A small buffer: do not queue megabytes for a client that does not read.
             self._offers = True
-            with contextlib.suppress(OSError):  # its end is read, too
+            with contextlib.suppress(OSError):  # ``receive`` notices the end of the connection.
                 self._sock.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, OFFERED_BYTES)
         if self.takes:
             self._owed = data[self._sent(data) :]
@@ -114,29 +114,29 @@ class Connection:
         except BlockingIOError:
             return 0
         except OSError:
-            return len(data)  # its end is read, too
+            return len(data)  # ``receive`` notices the end of the connection.
 
     def heard(self, t_ns: int, kind: str, data: bytes) -> None:
-        """Log a frame of the client's."""
+        """Log a frame of the client."""
         self.log.write(t_ns, "host", [(kind, data)])
 
     def say(self, kind: str, data: bytes) -> None:
-        """Log and send a frame of the robot's."""
+        """Log and send a frame of the robot."""
         self.log.write(time.monotonic_ns(), "robot", [(kind, data)])
         self.send(data)
 
     def be_late(self, lateness: Lateness) -> None:
-        """Take up what this client sends later, if it is the one."""
+        """Delay the requests of this client, if ``lateness`` is about its process."""
         self.late_s = lateness.of(self._sock)
 
     def hang_up(self) -> None:
-        """End it in order: what was said arrives."""
+        """Close the connection in order, so that all sent bytes arrive."""
         if self._sock.fileno() >= 0:
             trio.lowlevel.notify_closing(self._sock)
             self._sock.close()
 
     def abort(self) -> None:
-        """End it with a reset. Harmless when called again."""
+        """Close the connection with a reset. No effect when it is closed."""
         if self._sock.fileno() < 0:
             return
         with contextlib.suppress(OSError):
@@ -146,11 +146,11 @@ class Connection:
 
 
 Handler = Callable[[Connection], Awaitable[None]]
-"""Serves one client until ``ClientGone``, which it lets pass."""
+"""Serves one client until ``ClientGone``, which it does not catch."""
 
 
 def answering(new_session: Callable[[], TwinSession]) -> Handler:
-    """Return the handler of a wire on which the robot speaks only when asked."""
+    """Return the handler of a wire on which the robot sends only replies."""
 
     async def handle(connection: Connection) -> None:
         await Conversation(new_session(), connection, connection.log, connection.frost).serve()
@@ -159,8 +159,8 @@ def answering(new_session: Callable[[], TwinSession]) -> Handler:
 
 
 class StreamServer(ABC):
-    """Serves one robot on its listeners, one handler each. Its methods are what may happen to the
-    robot while it runs."""
+    """Serve one robot on its listeners, with one handler each. The public methods cause events while the
+    robot runs."""
 
     def __init__(self, robot: Controls, handlers: Sequence[Handler], log: WireLog) -> None:
         self._robot = robot
@@ -181,16 +181,16 @@ class StreamServer(ABC):
     def listen(self) -> list[socket.socket]:
         """Return a listener for each handler, at the address. Raise ``OSError``."""
 
-    def forget(self) -> None:  # noqa: B027  # what a name leaves behind: of TCP nothing
-        """Remove what is left of the address when the cable is pulled."""
+    def forget(self) -> None:  # noqa: B027  # TCP leaves nothing to remove
+        """Remove the traces of the address, such as a path, when the cable is pulled."""
 
     @property
     def body(self) -> Body:
-        """Raise ``ValueError`` for a robot that shows none."""
+        """The robot's body. Raise ``ValueError`` for a robot without one."""
         return body_of(self._robot)
 
     def set_fault(self, text: str) -> None:
-        """``WORD`` or ``WORD:unit``. Raise ``ValueError`` for another word."""
+        """Set a fault, given as ``WORD`` or ``WORD:unit``. Raise ``ValueError`` for any other text."""
         self._robot.set_fault(*parse_fault(text))
 
     def power_cycle(self) -> None:
@@ -202,8 +202,8 @@ class StreamServer(ABC):
             self._plugged.set()
 
     def unplug(self) -> None:
-        """Pull the cable. The robot itself does not notice."""
-        if self._plugged.is_set():  # else it is out already, and somebody waits for it to be put back
+        """Pull the cable. The robot does not notice it."""
+        if self._plugged.is_set():  # Otherwise tasks already wait for this event.
             self._plugged = trio.Event()
         for listener in self._listeners:
             trio.lowlevel.notify_closing(listener)
@@ -214,17 +214,17 @@ class StreamServer(ABC):
             connection.abort()
 
     def freeze(self, seconds: float) -> None:
-        """The robot neither reads nor answers for so long; then it takes up what waited."""
+        """Stop reading and answering for so long. Then the robot handles the bytes that waited."""
         self._frost.freeze(seconds)
 
     def be_late(self, lateness: Lateness) -> None:
-        """Take up later what one process sends: on its connections of now, and on new ones."""
+        """Delay the requests of one process, on its present and on new connections."""
         self._lateness = lateness
         for connection in self._connections:
             connection.be_late(lateness)
 
     async def serve(self) -> None:
-        """Until cancelled."""
+        """Serve until cancelled."""
         async with trio.open_nursery() as nursery:
             for at in range(len(self._handlers)):
                 nursery.start_soon(self._accept, at, nursery)
@@ -235,7 +235,7 @@ class StreamServer(ABC):
     async def _accept(self, at: int, nursery: trio.Nursery) -> None:
         while True:
             await self._plugged.wait()
-            if not self._listeners:  # pulled again before we got to run
+            if not self._listeners:  # The cable was pulled again before this task ran.
                 continue
             listener = self._listeners[at]
             with contextlib.suppress(BlockingIOError, ConnectionError, trio.ClosedResourceError):
@@ -265,8 +265,17 @@ class TcpServer(StreamServer):
     def __init__(
         self, robot: Controls, handlers: Mapping[int, Handler], log: WireLog, host: str | None = None
     ) -> None:
-        """``handlers`` by port number, 0 for any free one; the first port is the address. ``host``:
-        default an address of this twin's own. Raise ``OSError`` when the ports cannot be had."""
+        """Reserve the ports, unplugged.
+
+        Args:
+            robot: The robot.
+            handlers: Handlers by port number, 0 for any free port. The first port is the address.
+            log: The wire log.
+            host: Host address; by default an unused one for this twin.
+
+        Raises:
+            OSError: A port is in use.
+        """
         super().__init__(robot, list(handlers.values()), log)
         self._listeners = _listen(host, list(handlers))
         self._names: list[tuple[str, int]] = [listener.getsockname() for listener in self._listeners]
@@ -286,8 +295,7 @@ class TcpServer(StreamServer):
 
 
 def _listen(host: str | None, ports: list[int]) -> list[socket.socket]:
-    """All ports on one host. An address of our own may be somebody's already: then another is
-    tried."""
+    """Return listeners for all ports on one host. If a random host is already in use, try another."""
     for attempt in range(ATTEMPTS):
         chosen = host or own_host()
         listeners: list[socket.socket] = []
@@ -304,8 +312,8 @@ def _listen(host: str | None, ports: list[int]) -> list[socket.socket]:
 
 
 def own_host() -> str:
-    """Return an address for one twin alone. Any address 127.x.y.z is this machine's on Linux;
-    elsewhere there is one."""
+    """Return a host address for one twin. On Linux every address 127.x.y.z is local; elsewhere only
+    127.0.0.1 is."""
     if not sys.platform.startswith("linux"):
         return "127.0.0.1"
     chance = random.Random(os.getpid() ^ time.monotonic_ns())

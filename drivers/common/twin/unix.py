@@ -1,7 +1,7 @@
-"""A robot behind a unix socket: many clients, each with a conversation of its own.
+"""A robot behind a unix socket: many clients, each with a separate conversation.
 
-Pulling the cable ends every connection and removes the path; a robot that is frozen takes
-connections and says nothing.
+Pulling the cable ends every connection and removes the path. A frozen robot accepts connections and
+does not answer.
 """
 
 from __future__ import annotations
@@ -20,8 +20,14 @@ from .wirelog import WireLog
 
 class UnixServer(StreamServer):
     def __init__(self, robot: Controls, handler: Handler, log: WireLog, path: str | None = None) -> None:
-        """``path``: default in a directory of its own. Raise ``FileExistsError`` when something
-        that is no socket has that name."""
+        """Prepare the server, unplugged.
+
+        Args:
+            path: Path of the socket; by default in a temporary directory.
+
+        Raises:
+            FileExistsError: The path exists and is not a socket.
+        """
         if path and os.path.lexists(path) and not stat.S_ISSOCK(os.lstat(path).st_mode):
             raise FileExistsError(f"{path} exists and is no socket: choose another name")
         self._directory = None if path else tempfile.mkdtemp(prefix="strands-twin-")

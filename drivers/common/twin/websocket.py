@@ -1,5 +1,4 @@
-"""The server's side of a WebSocket for twins: a handler per connection, or beside an HTTP service
-on one port."""
+"""The server's side of a WebSocket for twins: alone on a port, or together with an HTTP service."""
 
 from __future__ import annotations
 
@@ -27,7 +26,7 @@ _HEAD_END = b"\r\n\r\n"
 
 
 class WebSocketClient:
-    """A client that was accepted."""
+    """An accepted client."""
 
     def __init__(self, connection: Connection, end: ServerEnd, opened: Opened) -> None:
         self._end = end
@@ -38,7 +37,7 @@ class WebSocketClient:
         self.headers = opened.headers
 
     async def receive(self) -> tuple[int, str | bytes]:
-        """Return the next message and when it was read. Answer pings meanwhile. Raise
+        """Return when the next message was read, and the message. Answer pings meanwhile. Raise
         ``ClientGone``."""
         while True:
             while self._heard:
@@ -54,21 +53,21 @@ class WebSocketClient:
             try:
                 self._heard.extend(self._end.feed(data))
             except MalformedFrame:
-                raise ClientGone from None  # as a server does with what it cannot follow
+                raise ClientGone from None  # A real server also disconnects on a malformed frame.
             if replies := self._end.replies():
                 self.connection.send(replies)
 
     def heard(self, t_ns: int, kind: str, message: str | bytes, safe_state: str | None = None) -> None:
-        """Log a message of the client's, without its frame."""
+        """Log a message of the client, without its frame."""
         self.connection.log.write(t_ns, "host", [(kind, _bytes(message))], safe_state)
 
     def say(self, kind: str, message: str | bytes) -> None:
-        """Log and send a message of the robot's. Raise ``ClientGone`` after a close."""
+        """Log and send a message of the robot. Raise ``ClientGone`` after a close."""
         self.connection.log.write(time.monotonic_ns(), "robot", [(kind, _bytes(message))])
         self.send(message)
 
     def send(self, message: str | bytes) -> None:
-        """Send without a line in the log: for what is told many times a second. Raise
+        """Send without a line in the log, for messages that go out many times a second. Raise
         ``ClientGone``."""
         try:
             frame = self._end.message(message)
@@ -78,15 +77,15 @@ class WebSocketClient:
 
 
 WebSocketHandler = Callable[[WebSocketClient], Awaitable[None]]
-"""Serves one client until ``ClientGone``, which it lets pass."""
+"""Serves one client until ``ClientGone``, which it does not catch."""
 
 Choose = Callable[[str], WebSocketHandler | None]
-"""Path of an upgrade, without its query -> who serves it; None: nobody."""
+"""Returns the handler for the path of an upgrade (without the query); None if there is no handler."""
 
 
 def serving_websocket(choose: Choose, max_message: int = MAX_MESSAGE) -> Handler:
-    """Return the handler of a port on which there are WebSockets only. Frames that come with the
-    upgrade count, as in tornado."""
+    """Return the handler of a port with WebSockets only. Frames that come with the upgrade are accepted,
+    as in tornado."""
 
     async def handle(connection: Connection) -> None:
         await _serve(connection, b"", choose, ServerEnd(max_message))
@@ -95,9 +94,16 @@ def serving_websocket(choose: Choose, max_message: int = MAX_MESSAGE) -> Handler
 
 
 def serving_both(new_session: Callable[[], TwinSession], choose: Choose, max_message: int = MAX_MESSAGE) -> Handler:
-    """Return the handler of a port with an HTTP service and WebSockets: the first request of a
-    connection says which it is. Frames that come with the upgrade are dropped, as by uvicorn.
-    ``new_session``: makes what hears one that is no WebSocket."""
+    """Return the handler of a port with an HTTP service and WebSockets.
+
+    The first request of a connection decides which of the two it is. Frames that come with the upgrade
+    are dropped, as by uvicorn.
+
+    Args:
+        new_session: Makes the session of an HTTP client.
+        choose: Returns the handler of a WebSocket.
+        max_message: Largest message in bytes.
+    """
 
     async def handle(connection: Connection) -> None:
         first, t_ns = b"", 0
@@ -130,14 +136,14 @@ async def _serve(connection: Connection, data: bytes, choose: Choose, end: Serve
     handler = choose(opened.target.partition("?")[0])
     if handler is None:
         connection.send(end.reject(NOT_FOUND))
-        while True:  # until the client has read it
+        while True:  # Wait until the client has read it and closes.
             await connection.receive()
     connection.send(end.accept())
     await handler(WebSocketClient(connection, end, opened))
 
 
 class _Begun(Channel):
-    """A connection of which some bytes have been read."""
+    """A connection from which some bytes have already been read."""
 
     def __init__(self, connection: Connection, t_ns: int, first: bytes) -> None:
         self._connection = connection

@@ -1,4 +1,4 @@
-"""The wire log: what was on the wire and when, one JSON object a line. Safety tests read it."""
+"""The wire log: every frame on the wire with its time, one JSON object a line. Safety tests read it."""
 
 from __future__ import annotations
 
@@ -7,12 +7,12 @@ from collections.abc import Iterable
 from typing import Literal
 
 Source = Literal["host", "robot", "control"]
-"""``control``: what the simulation was told, beside the wire (see ``common.control``)."""
+"""``control``: requests to the simulation, not on the wire (see ``common.simulation_control``)."""
 
 
 class WireLog:
-    """Lines reach the file before ``write`` returns: a reader, or a crash, sees every frame that
-    was."""
+    """Writes each line to the file before ``write`` returns, so that a reader sees every frame, even after
+    a crash."""
 
     def __init__(self, path: str | None) -> None:
         flags = os.O_WRONLY | os.O_CREAT | os.O_APPEND | os.O_CLOEXEC
@@ -21,9 +21,15 @@ class WireLog:
     def write(
         self, t_ns: int, source: Source, frames: Iterable[tuple[str, bytes]], safe_state: str | None = None
     ) -> None:
-        """Log frames, each with its kind, that were on the wire together. ``t_ns``:
-        CLOCK_MONOTONIC. ``safe_state``: what they bring the whole robot to by themselves; "" is
-        none, None that nobody has said."""
+        """Log frames that were on the wire together.
+
+        Args:
+            t_ns: Time in ns of CLOCK_MONOTONIC.
+            source: The sender.
+            frames: Kind and bytes of each frame.
+            safe_state: The safe state that these frames alone bring the whole robot to; empty if they
+                bring it to none, None if unknown.
+        """
         if self._fd is None:
             return
         end = "" if safe_state is None else f', "safe_state": "{safe_state}"'
