@@ -9,7 +9,7 @@ from typing import TypeVar
 T = TypeVar("T")
 
 PATIENCE_S = 90.0
-"""Long, because a camera's process has the lowest priority."""
+"""Long, because a camera's process computes only when the others leave it time."""
 
 
 def until(look: Callable[[], T | None], what: str) -> T:

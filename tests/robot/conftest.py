@@ -1,4 +1,4 @@
-"""An SO-101 twin on a real pty, and arms on it that are cleaned up whatever the test does."""
+"""Provide an SO-101 twin on a real pty, and arms on it that are always cleaned up."""
 
 from __future__ import annotations
 
@@ -18,15 +18,15 @@ NewArm = Callable[..., RealRobot]
 
 @pytest.fixture(scope="session")
 def twin_process(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Twin]:
-    """One for all tests: starting it takes longer than most of them. Where its joints are the tests
-    inherit."""
+    """Start one twin for all tests, because starting it takes longer than most of them. Its joints stay
+    where the last test left them."""
     with Twin("so101", tmp_path_factory.mktemp("twin")) as process:
         yield process
 
 
 @pytest.fixture
 def twin(twin_process: Twin) -> Iterator[Twin]:
-    """A healthy robot at rest, with an empty log."""
+    """Give a test a healthy robot at rest, with an empty log, and repair it afterwards."""
     os.truncate(twin_process.log.path, 0)
     yield twin_process
     twin_process.go_on()
@@ -50,9 +50,10 @@ def new_arm(run_dir: Path) -> Iterator[NewArm]:
 
 @pytest.fixture
 def arm(twin: Twin, new_arm: NewArm) -> RealRobot:
-    """Connected to the twin and armed."""
+    """Give a test an arm that is connected to the twin and armed."""
     robot = new_arm(port=twin.port)
-    for _ in range(3):  # a twin that a busy machine lets wait counts as silent: worth another try, here
+    # On a busy machine the twin may answer so late that it counts as silent. So try again.
+    for _ in range(3):
         problem = robot.connect_eagerly()
         if problem is None:
             return robot
