@@ -1,4 +1,4 @@
-"""What a robot publishes, read by a plain zenoh session."""
+"""A plain zenoh session reads the topics that a robot publishes."""
 
 from __future__ import annotations
 

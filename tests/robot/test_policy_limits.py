@@ -1,4 +1,4 @@
-"""What the process of a named policy is given, and may use."""
+"""The resources that the process of a named policy receives, and their limits."""
 
 from __future__ import annotations
 
