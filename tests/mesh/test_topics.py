@@ -1,4 +1,4 @@
-"""A plain zenoh session reads the topics that a robot publishes."""
+"""What a robot publishes, read by a plain zenoh session."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The resources that the process of a named policy receives, and their limits."""
+"""What the process of a named policy is given, and may use."""
 
 from __future__ import annotations
 
