@@ -1,19 +1,20 @@
-"""``python -m tests``: style, types, tests (three at a time: most of them wait for processes); stops
-at the first that fails. Arguments go to pytest.
+"""Run the checks of the project: ``python -m tests [SUITE] [arguments of pytest]``.
 
-``python -m tests lerobot``: what needs LeRobot itself (``tests/lerobot``), and nothing else.
+Without a suite it checks style and types and runs the tests, and stops at the first step that fails.
+Three tests run at the same time, because most tests wait for processes. Tests that fail are run once
+more, one at a time, and pytest prints their names: on a machine that pauses, two robots may be late
+where one is not. A test that fails again fails the run.
 
-``python -m tests long``: the tests that this leaves out (``tests/long.py``).
+``lerobot``: only the tests that need LeRobot itself (``tests/lerobot``).
 
-A test that fails beside another is run once more, alone, and named: two robots on a machine that
-pauses may be late where one is not. Who fails alone fails.
+``long``: the tests that the ordinary run leaves out (``tests/long.py``).
 
-``python -m tests soak``: half an hour of three robots (``tests/soak``), which ``long`` runs, too.
+``soak``: three robots for half an hour (``tests/soak``). ``long`` includes it.
 
-``python -m tests mutate``: break the safety code in many small ways (``tests/mutate``).
+``mutate``: break the safety code in many small ways (``tests/mutate``).
 
-``python -m tests newton``, ``python -m tests peers``: suites of their own, of what is gigabytes, takes
-minutes to compile, or has to be made an environment first.
+``newton``, ``peers``: separate suites, because they need gigabytes of packages, minutes to compile, or
+an environment that is built first.
 """
 
 from __future__ import annotations
@@ -23,8 +24,8 @@ import os
 import subprocess
 import sys
 
-# The tests start thousands of processes: where it is set, each compiles all its modules anew, which
-# is half of what a robot's start takes.
+# The tests start thousands of processes. With this variable each would compile all its modules again,
+# which is half of the time that a robot takes to start.
 os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 
 if sys.argv[1:2] == ["lerobot"]:
@@ -47,12 +48,12 @@ STEPS = (
 )
 ALONE = ("pytest", "--last-failed", "--last-failed-no-failures", "none", *ARGUMENTS)
 SUITES = {"newton": ("tests/newton/suite.py",), "peers": ("tests/peers/suite.py",), "soak": ("tests/soak",)}
-"""Not in the ordinary run: no file of theirs is called ``test_``, or its test is long."""
+"""Not in the ordinary run: their files do not begin with ``test_``, or their test is long."""
 COMPILE = (sys.executable, "-m", "pytest", "--collect-only", "-q")
-"""In a fresh clone each of the three workers would compile all tests: one process does, beside mypy. What is
-wrong with them they find, too, and say so."""
+"""Compiles all tests while mypy runs. Otherwise, in a fresh clone, each of the three workers would compile
+them. Its errors are not shown, because the workers report them, too."""
 SOME_FAILED = 1
-"""Pytest's exit code; others say that it could not run."""
+"""Exit code of pytest when tests failed. Other codes mean that it could not run."""
 
 
 def run(step: tuple[str, ...]) -> int:

@@ -1,4 +1,4 @@
-"""What the tests of any robot read: the envelopes of its verbs."""
+"""Read the answers of a robot's verbs, in tests of any robot."""
 
 from __future__ import annotations
 
@@ -9,12 +9,15 @@ from typing import Any, TypeVar
 T = TypeVar("T")
 
 PATIENCE_S = 20.0
-"""Of a test that waits for something that takes far less on a free machine."""
+"""How long a test waits for an event that takes far less on an idle machine."""
 
 
 def resumed(robot: Any) -> None:
-    """Arm it. Legs on a busy machine are let go again, and are taken up anew; a failure says why each
-    attempt failed."""
+    """Arm the robot.
+
+    On a busy machine a robot with legs may be disarmed again while it is being armed. So try again
+    until ``PATIENCE_S`` has passed; the failure lists the refusal of each attempt.
+    """
     refusals: list[str] = []
     deadline_s = time.monotonic() + PATIENCE_S
     while (answer := robot.resume())["status"] != "success":
@@ -24,7 +27,13 @@ def resumed(robot: Any) -> None:
 
 
 def until(look: Callable[[], T | None], what: str, within_s: float = PATIENCE_S) -> T:
-    """Look until there is something to see."""
+    """Call ``look`` every 10 ms until its result is true, and return that result.
+
+    Args:
+        look: Reads the state that the test waits for.
+        what: The expected event, for the text of the failure.
+        within_s: Longest wait, in seconds. After it the test fails.
+    """
     deadline_s = time.monotonic() + within_s
     while not (seen := look()):
         assert time.monotonic() < deadline_s, f"not within {within_s:g} s: {what}"
@@ -33,7 +42,7 @@ def until(look: Callable[[], T | None], what: str, within_s: float = PATIENCE_S)
 
 
 def json_of(answer: Mapping[str, Any]) -> dict[str, Any]:
-    """The json of a success envelope."""
+    """Return the JSON of a success envelope; fail on any other answer."""
     assert answer["status"] == "success", answer
     (block,) = answer["content"]
     json: dict[str, Any] = block["json"]
@@ -41,7 +50,7 @@ def json_of(answer: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def why(answer: Mapping[str, Any]) -> str:
-    """The text of an error envelope."""
+    """Return the text of an error envelope; fail on any other answer."""
     assert answer["status"] == "error", answer
     text: str = answer["content"][0]["text"]
     return text
@@ -52,7 +61,7 @@ def status(arm: Any) -> dict[str, Any]:
 
 
 def state(arm: Any) -> str | None:
-    """None while the wire does not answer."""
+    """Return the robot's state, or None while the wire does not answer."""
     return status(arm).get("state")
 
 
@@ -65,6 +74,6 @@ def task_ended(arm: Any) -> dict[str, Any]:
 
 
 def pids(arm: Any) -> dict[str, int]:
-    """The processes of its tree, by role."""
+    """Return the process ids of the robot's tree by role; empty if it has no tree."""
     tree = arm.tree()
     return {} if tree is None else {process["role"]: process["pid"] for process in tree["processes"]}

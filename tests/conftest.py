@@ -1,4 +1,4 @@
-"""Shared by all tests."""
+"""Fixtures and settings of all tests."""
 
 from __future__ import annotations
 
@@ -22,23 +22,23 @@ from strands_actors.kernel.health import busy
 from .forked import fork_what_is_started_here
 
 pytest_plugins = ["strands_actors.pytest_plugin", "tests.long", "tests.machines", "tests.real_time"]
-"""The first as if the package were installed with its entry point."""
+"""The first plugin is loaded as if the package were installed with its entry point."""
 
 REGISTRY = ("_registered", "_aliases", "_broken", "_robots", "_found")
-"""What ``strands_actors.drivers`` knows in this process."""
+"""The names in ``strands_actors.drivers`` that hold the registry of this process."""
 
 collect_ignore = ["lerobot"]
-"""Asked for by itself: ``python -m tests lerobot``."""
+"""A separate run: ``python -m tests lerobot``."""
 
 fork_what_is_started_here()
 
-# Whoever runs the tests in the background may have had these ignored, and the processes under test
-# with them.
+# A shell may ignore these signals for a run in the background. The processes under test would inherit
+# that.
 signal.signal(signal.SIGINT, signal.default_int_handler)
 signal.signal(signal.SIGHUP, signal.SIG_DFL)
 
-# No verdict of a test hangs on how fast the machine is, nor on the day's examples: who wants new
-# ones says so.
+# The result of a test must not depend on the speed of the machine or on random examples.
+# STRANDS_ACTORS_EXPLORE asks for new examples.
 settings.register_profile(
     "here",
     deadline=None,
@@ -50,8 +50,8 @@ settings.load_profile("here")
 
 @pytest.hookimpl(wrapper=True)
 def pytest_collection() -> Generator[None, object, object]:
-    """What is collected stays until the end: the garbage collector need not look through it while it
-    grows, which takes half as long again."""
+    """Collect without the garbage collector. The collected tests stay until the end, and searching
+    them while they grow would make this 50 % longer."""
     gc.disable()
     try:
         return (yield)
@@ -61,14 +61,14 @@ def pytest_collection() -> Generator[None, object, object]:
 
 @pytest.fixture(autouse=True)
 def on_an_idle_computer() -> Iterator[None]:
-    """What this process says of a missed deadline is the same on a busy computer."""
+    """Keep the messages on missed deadlines in this process the same on a busy computer."""
     with busy.assumed(busy.IDLE):
         yield
 
 
 @contextlib.contextmanager
 def registry_kept() -> Iterator[None]:
-    """Forget what is registered meanwhile."""
+    """Forget, at the end of the block, all robots that were registered in it."""
     list_native_drivers()
     with pytest.MonkeyPatch.context() as patch:
         for name in REGISTRY:
@@ -92,8 +92,8 @@ def registry_of_module() -> Iterator[None]:
 
 @pytest.fixture(scope="session")
 def run_dirs() -> Iterator[list[Path]]:
-    """Removed at the end of the session only: the portal lives as long as the process, its socket
-    with it."""
+    """Collect the run directories, and remove them at the end of the session. An earlier removal would
+    delete the socket of the portal, which lives as long as the process."""
     made: list[Path] = []
     yield made
     for path in made:
@@ -102,7 +102,7 @@ def run_dirs() -> Iterator[list[Path]]:
 
 @pytest.fixture(scope="session", autouse=True)
 def apart(run_dirs: list[Path]) -> Iterator[None]:
-    """No test meets a robot of whoever runs it, nor its lockout: fixtures of a module begin before
+    """Hide the user's own robots and their lockouts from the fixtures of a module, which begin before
     ``run_dir``."""
     path = Path(tempfile.mkdtemp(prefix="sa-", dir="/tmp"))
     run_dirs.append(path)
@@ -114,7 +114,8 @@ def apart(run_dirs: list[Path]) -> Iterator[None]:
 
 @pytest.fixture(autouse=True)
 def run_dir(run_dirs: list[Path], monkeypatch: pytest.MonkeyPatch) -> Path:
-    """Where this test's robots meet, and no others. Short: a unix socket's path has 108 bytes."""
+    """Give each test its own run directory. Its path is short, because that of a unix socket may have
+    only 108 bytes."""
     path = Path(tempfile.mkdtemp(prefix="sa-", dir="/tmp"))
     run_dirs.append(path)
     monkeypatch.setenv("STRANDS_ACTORS_RUN", str(path))
@@ -124,8 +125,8 @@ def run_dir(run_dirs: list[Path], monkeypatch: pytest.MonkeyPatch) -> Path:
 
 @pytest.fixture(autouse=True)
 def scheduled() -> Iterator[None]:
-    """How this process is scheduled is as before: what a test has made it, its children are, and all
-    tests behind it. One that is nice gets nothing on a busy machine."""
+    """Fail a test that changes the scheduling of this process. Its children and all later tests would
+    inherit the change, and a process with a high nice value gets no time on a busy machine."""
 
     def look() -> tuple[int, ...]:
         if not hasattr(os, "sched_getscheduler"):
@@ -141,11 +142,11 @@ def scheduled() -> Iterator[None]:
 def pytest_runtest_makereport(
     call: pytest.CallInfo[None],
 ) -> Generator[None, pytest.TestReport, pytest.TestReport]:
-    """A command that failed says why on its own output, which the exception keeps to itself."""
+    """Add the output of a failed command to the report; the text of its exception does not contain it."""
     report = yield
     error = None if call.excinfo is None else call.excinfo.value
     while error is not None:
         if isinstance(error, subprocess.CalledProcessError):
             report.sections.append(("output of the command", f"{error.stdout or ''}\n{error.stderr or ''}"))
-        error = error.__context__  # cleaning up may have failed, too, because of it
+        error = error.__context__  # the clean-up may have failed because of it
     return report

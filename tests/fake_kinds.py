@@ -1,9 +1,8 @@
-"""Robots in memory of the kinds that a position arm is not: a base, a drone, and a robot behind
-slow HTTP.
+"""Provide robots in memory that differ from a position arm: a base, a drone, an arm behind slow HTTP.
 
-They are drivers as an author writes them, on the contract alone, and stand for their kind where the
-tree itself is tested, in virtual time too. The robot behind each is a ``Peer``: what it was sent,
-and what it does with that.
+Their drivers use only the contract, as the driver of any author does. Tests of the tree use them as
+examples of their kind, also in virtual time. The robot behind each driver is a ``Peer``: it logs the
+frames that it receives, and simulates their effect.
 """
 
 from __future__ import annotations
@@ -44,7 +43,15 @@ from strands_actors.contract import (
 
 
 class Sent(NamedTuple):
-    """One frame that the robot took. ``kind``: setpoint or safe; ``path``: wire or stop channel."""
+    """One frame that the robot received.
+
+    Attributes:
+        t_ns: When it was received.
+        kind: ``setpoint`` or ``safe``.
+        values: One value an axis.
+        safe_state: The requested safe state; empty for a setpoint.
+        path: ``wire`` or ``stop_channel``.
+    """
 
     t_ns: int
     kind: str
@@ -55,7 +62,7 @@ class Sent(NamedTuple):
 
 @dataclass
 class Peer:
-    """The robot: moves as it was last told, whatever becomes of who told it."""
+    """The robot. It goes on with its last command, even after the sender of the command has ended."""
 
     axes: int
     sent: list[Sent] = field(default_factory=list)
@@ -78,24 +85,24 @@ class Peer:
         return [sent for sent in self.sent if sent.kind == kind and sent.t_ns >= since_ns]
 
     def after(self, kind: str, earlier: Sent) -> list[Sent]:
-        """Return what came after ``earlier``, in the order of the wire."""
-        at = next(at for at, sent in enumerate(self.sent) if sent is earlier)
-        return [sent for sent in self.sent[at + 1 :] if sent.kind == kind]
+        """Return the frames of this kind that came after ``earlier``, in the order of the wire."""
+        index = next(index for index, sent in enumerate(self.sent) if sent is earlier)
+        return [sent for sent in self.sent[index + 1 :] if sent.kind == kind]
 
 
 PEERS: dict[str, Peer] = {}
-"""By port: the robot that a driver finds there."""
+"""The robot at each port."""
 
 FLOOR_PCT = 20.0
 LANDING_S = 2.0
 
 
 class NoOptions(DriverOptions, frozen=True):
-    """Nothing can be set."""
+    """The fake robots have no options."""
 
 
 class KindConfig(msgspec.Struct, frozen=True):
-    """What wire and stop channel know of the robot."""
+    """The robot's data for wire and stop channel."""
 
     port: str
     axes: tuple[Axis, ...]
@@ -109,7 +116,7 @@ class KindConfig(msgspec.Struct, frozen=True):
 
 
 class _Kind(Driver):
-    """What the three share."""
+    """The common part of the three drivers."""
 
     WIRE: ClassVar[str] = "tests.fake_kinds:KindWire"
     STOP_CHANNEL: ClassVar[str] = "tests.fake_kinds:KindStopChannel"
@@ -138,7 +145,7 @@ def _velocity(key: str, unit: str, limit: float) -> Axis:
 
 
 class FakeBase(_Kind):
-    """Rolls on as it was last told: a command's lifetime is what stops it."""
+    """A base that keeps its last velocity. Only the lifetime of a command, or a stop, ends its motion."""
 
     SUPPORTED_ROBOTS: ClassVar[tuple[str, ...]] = ("fake_base",)
     PARTS = (Part(PartKind.BASE, (_velocity("vx", "m/s", 0.5), _velocity("wz", "rad/s", 1.0))),)
@@ -149,8 +156,8 @@ class FakeBase(_Kind):
 
 
 class FakeDrone(_Kind):
-    """Hovers when a writer is late, lands for every other reason, motors off for an e-stop. Arming
-    does not take off. Its battery lands it, whoever flies."""
+    """A drone that hovers when a writer is late, switches its motors off for an e-stop, and lands for
+    every other reason. Arming does not take off. A low battery makes it land at any time."""
 
     SUPPORTED_ROBOTS: ClassVar[tuple[str, ...]] = ("fake_drone",)
     PARTS = (
@@ -200,8 +207,8 @@ class FakeHttp(_Kind):
 
 
 class KindWire(Wire):
-    """Keeps the newest sample in the background, so that a reading is given at once, however slow
-    the answers."""
+    """A wire that fetches samples in the background, so that a read returns at once even if the robot
+    answers slowly."""
 
     interruptible: ClassVar[bool] = True
 
@@ -240,7 +247,8 @@ class KindWire(Wire):
         if not self._peer.motors_on:
             raise PermitDenied("the motors are off")
         permit.check()
-        self._peer.take(self._clock.now_ns(), "setpoint", values)  # the answer is not waited for
+        # Return without waiting for the robot's answer.
+        self._peer.take(self._clock.now_ns(), "setpoint", values)
 
     async def make_safe(self, safe_state: SafeState) -> tuple[MotorReport, ...]:
         return await _make_safe(self._config, self._clock, safe_state, "wire")
@@ -268,7 +276,7 @@ class KindWire(Wire):
 
 class _Connection:
     def close(self) -> None:
-        """Nothing behind it."""
+        """Do nothing: the robot is in memory."""
 
 
 class KindStopChannel(ConnectWhenNeeded[KindConfig, _Connection]):
@@ -283,7 +291,7 @@ class KindStopChannel(ConnectWhenNeeded[KindConfig, _Connection]):
 
 
 async def _make_safe(config: KindConfig, clock: Clock, safe_state: str, path: str) -> tuple[MotorReport, ...]:
-    """Send the frame before the first wait; a landing is confirmed when it is over."""
+    """Send the safe frame before the first wait. A landing is confirmed only when it has ended."""
     peer = config.peer
     written = peer.reachable
     if written:

@@ -1,6 +1,8 @@
-"""Twins and roots that a test starts in its own process are forked, too: half a second of imports
-less for a root, a whole one for a twin. Those of scripts, commands and the kill matrix are executed,
-as everywhere."""
+"""Fork the twins and roots that a test starts from its own process.
+
+Forking saves the imports: half a second a root, one second a twin. Scripts, commands and the kill
+matrix execute new processes, as outside tests.
+"""
 
 from __future__ import annotations
 
@@ -27,8 +29,9 @@ def start(
     label: str = "",
     descriptors: Sequence[int] = (),
 ) -> ChildProcess:
-    """As ``process.start``. Its ``label`` is what it calls itself."""
-    # Apart: a root that was forked beside numpy and MuJoCo would have both.
+    """Start a process as ``process.start`` does, but forked. It does not use ``label``, because a
+    process sets its name itself."""
+    # Roots have a separate fork server: one that has imported numpy and MuJoCo for twins would pass both on.
     forks = server("roots", ROOTS) if entry == ROOT else twin_server()
     ours, theirs = socket.socketpair()
     with theirs, open(os.devnull, "rb") as nothing:
@@ -44,6 +47,6 @@ def fork_what_is_started_here() -> None:
 
 
 def execute_what_is_started_here(patch: pytest.MonkeyPatch) -> None:
-    """For a test that is about fresh processes, or about whose child they are."""
+    """Execute new processes, for a test about fresh processes or about their parents."""
     patch.setattr(tree_processes, "start", executed)
     patch.setattr(twin_process, "start", executed)

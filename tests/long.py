@@ -1,8 +1,8 @@
-"""What ``python -m tests`` leaves out, and ``python -m tests long`` runs: tests that take long and
-repeat, on another robot, with another fault or in a whole program, what shorter ones show.
+"""Mark the tests that ``python -m tests`` leaves out and ``python -m tests long`` runs.
 
-``@pytest.mark.long`` marks one. ``@pytest.mark.quick_cases(2)`` marks all cases of a parametrised
-test but the first two. Who calls ``pytest`` itself runs both.
+A long test repeats what a shorter one shows, on another robot, with another fault or in a whole
+program. ``@pytest.mark.long`` marks a test. ``@pytest.mark.quick_cases(2)`` marks all cases of a
+parametrised test but the first two. A direct call of ``pytest`` runs long and short tests.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ import pytest
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Before ``-m`` selects among them."""
+    """Mark the tests before ``-m`` selects among them."""
     cases: Counter[str] = Counter()
     for item in items:
         marker = item.get_closest_marker("quick_cases")

@@ -1,11 +1,12 @@
-"""What this machine cannot have is left out of a run by name, in one list at its end.
+"""Leave out the tests that this machine cannot run, and list their names at the end of the run.
 
-``@pytest.mark.needs("ur-rtde")`` names a package of ``pyproject.toml`` or a program of ``PROGRAMS``. A
-test is left out only where the machine cannot have it: the package's marker says no for this Python or
-processor, or the program is not installed. A package that should be there and is not fails its test.
+``@pytest.mark.needs("ur-rtde")`` names a package of ``pyproject.toml`` or a program of ``PROGRAMS``. The
+test is left out only where the machine cannot have it: the package's marker excludes this Python or
+processor, or the program is not installed. A package that should be installed but is missing fails its
+test.
 
-``@pytest.mark.long_beside("ur-rtde")``: the test is long (``tests/long.py``) where that is to be had, for
-its quick form needs it. Elsewhere it is the quick form.
+``@pytest.mark.long_beside("ur-rtde")`` makes a test long (``tests/long.py``) where the package is
+available, because a quicker test that needs the package runs there. Elsewhere it runs as a quick test.
 """
 
 from __future__ import annotations
@@ -20,7 +21,7 @@ import pytest
 from packaging.requirements import Requirement
 
 PROGRAMS = {"Node.js": "node"}
-"""By name, the command."""
+"""Name of the program: its command."""
 LIST = "left_out"
 
 _left_out = pytest.StashKey[list[str]]()
@@ -28,8 +29,11 @@ _left_out = pytest.StashKey[list[str]]()
 
 @cache
 def why_not(name: str) -> str:
-    """Return why this machine cannot have it. Empty: it can. Raise ``ValueError`` for a name that is
-    neither a package of ours nor a program."""
+    """Return why this machine cannot have a package or program; empty if it can.
+
+    Raises:
+        ValueError: The name is neither a package of ``pyproject.toml`` nor one of ``PROGRAMS``.
+    """
     if name in PROGRAMS:
         return "" if shutil.which(PROGRAMS[name]) else f"{name} is not installed"
     markers = [requirement.marker for requirement in _requirements() if requirement.name == name]
@@ -48,23 +52,24 @@ def _requirements() -> Iterator[Requirement]:
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Before ``-m`` selects among them."""
+    """Mark the tests before ``-m`` selects among them."""
     for item in items:
         if any(not why_not(marker.args[0]) for marker in item.iter_markers("long_beside")):
             item.add_marker(pytest.mark.long)
 
 
 class LeaveOut:
-    """Registered after ``-m`` and ``-k``: the list has only tests that would have run."""
+    """Remove tests from the run. It is registered after ``-m`` and ``-k``, so that the list has only tests
+    that would have run."""
 
     @pytest.hookimpl(trylast=True)
     def pytest_collection_modifyitems(self, config: pytest.Config, items: list[pytest.Item]) -> None:
         kept, left_out = list[pytest.Item](), list[pytest.Item]()
-        told = config.stash[_left_out]
+        listed = config.stash[_left_out]
         for item in items:
             missing = [why for marker in item.iter_markers("needs") if (why := why_not(marker.args[0]))]
             (left_out if missing else kept).append(item)
-            told += [f"{item.nodeid}: {why}" for why in missing[:1]]
+            listed += [f"{item.nodeid}: {why}" for why in missing[:1]]
         if left_out:
             config.hook.pytest_deselected(items=left_out)
             items[:] = kept
@@ -78,13 +83,14 @@ def pytest_configure(config: pytest.Config) -> None:
 
 
 class Workers:
-    """With pytest-xdist, workers collect, and the process that prints does not."""
+    """Take over the lists of the workers. With pytest-xdist only they collect tests, but another process
+    prints."""
 
     @pytest.hookimpl(optionalhook=True)
     def pytest_testnodedown(self, node: object, error: object) -> None:
         stash: pytest.Stash = node.config.stash  # type: ignore[attr-defined]
-        heard: list[str] = getattr(node, "workeroutput", {}).get(LIST, [])
-        stash[_left_out] += [line for line in heard if line not in stash[_left_out]]
+        received: list[str] = getattr(node, "workeroutput", {}).get(LIST, [])
+        stash[_left_out] += [line for line in received if line not in stash[_left_out]]
 
 
 @pytest.hookimpl(trylast=True)

@@ -1,7 +1,7 @@
-"""UDP in memory: the sockets that participants of DDS are given in place of the system's.
+"""Simulate UDP in memory: sockets for participants of DDS in place of the system's.
 
-What becomes of a datagram on its way is the network's business: the explorer's loses and delays it,
-that of the hostile peers changes it.
+A subclass of ``MemoryNetwork`` decides what happens to a datagram on its way. That of the explorer
+loses and delays datagrams; that of the hostile peers changes them.
 """
 
 from __future__ import annotations
@@ -16,11 +16,18 @@ import trio
 Address = tuple[str, int]
 
 ROOM = 512
-"""Datagrams that a socket keeps for a process that does not read [assumed: 1 MB]."""
+"""How many datagrams a socket keeps for a process that does not read [assumed: 1 MB]."""
 
 
 class Datagram(NamedTuple):
-    """``left_s``: when it was sent; ``role``: of the process, "" for the robot."""
+    """One datagram.
+
+    Attributes:
+        left_s: When it was sent, in seconds of trio's clock.
+        role: The role of the sending process; empty for the robot.
+        sender: The address of its socket.
+        data: The content.
+    """
 
     left_s: float
     role: str
@@ -29,15 +36,20 @@ class Datagram(NamedTuple):
 
 
 class MemoryNetwork(ABC):
-    """Knows the sockets that are open."""
+    """The network, with all open sockets."""
 
     def __init__(self, ports: Callable[[int, int], tuple[int, int]]) -> None:
-        """``ports``: of the participant with an index in a domain, for discovery and for data."""
+        """Make a network.
+
+        Args:
+            ports: From domain and index of a participant, its ports for discovery and for data.
+        """
         self.sockets: dict[Address, MemorySocket] = {}
         self._ports = ports
 
     def open_sockets(self, domain: int, host: str, multicast: bool) -> tuple[MemorySocket, ...]:
-        """As ``rtps.sockets.open_sockets``; there is no multicast."""
+        """Open the sockets of a participant, as ``rtps.sockets.open_sockets`` does, but without
+        multicast."""
         index = 0
         while any((host, port) in self.sockets for port in self._ports(domain, index)):
             index += 1
@@ -56,15 +68,15 @@ class MemoryNetwork(ABC):
 
 
 class MemorySocket:
-    """What a participant needs of a socket, and of ``trio.lowlevel`` for it."""
+    """The methods of a socket that a participant uses, and ``readable`` for ``trio.lowlevel``."""
 
     def __init__(self, network: MemoryNetwork, address: Address) -> None:
         self.network: Any = network
         self.address = address
         self.newest: Datagram | None = None
-        """The last that was read."""
+        """The datagram that was read last."""
         self.on_arrival: Callable[[], None] | None = None
-        """Of a robot that has no loop."""
+        """Called for each datagram, for a robot that has no loop."""
         self._waiting: deque[Datagram] = deque()
         self._news: trio.Event | None = None
         network.sockets[address] = self
@@ -92,11 +104,11 @@ class MemorySocket:
             self.tell()
 
     def tell(self) -> None:
-        """Wake whoever waits until it is readable."""
+        """Wake the reader. A subclass may do so later."""
         self.rouse()
 
     async def readable(self) -> None:
-        """As ``trio.lowlevel.wait_readable`` of it."""
+        """Wait as ``trio.lowlevel.wait_readable`` does."""
         await trio.lowlevel.checkpoint()
         if not self._waiting:
             self._news = trio.Event()
@@ -114,7 +126,7 @@ class MemorySocket:
 
 
 def put_into(buffer: bytearray, data: bytes) -> int:
-    """Return how much of a datagram there was room for."""
+    """Copy a datagram into the buffer, and return how many bytes fitted."""
     size = min(len(buffer), len(data))
     buffer[:size] = data[:size]
     return size

@@ -1,8 +1,8 @@
-"""Tests of robots that count milliseconds run one at a time, beside the others, and first.
+"""Run tests of robots that count milliseconds one at a time, parallel to other tests, and first.
 
-A tree of 500 Hz and its twin take most of a processor. Two of them beside each other on two have
-too little, and what their tests see is right, but not what they are about: a state that is too old,
-a link that is lost.
+A tree of 500 Hz and its twin take most of a processor. Two such pairs at the same time have too
+little of two processors. Their robots then correctly report an old state or a lost link, but that is
+not the subject of their tests.
 """
 
 from __future__ import annotations
@@ -16,21 +16,23 @@ import pytest
 NAMES = re.compile(
     "(?<![a-z])(ur5?e?|unitree|g1|go2|legs?|rtps|booster|t1|franka|panda|fr3|kuka|iiwa|kinova|gen3|rby1|xarm7?|lite6|fleet)(?![a-z0-9])"
 )
-"""Parts of the names of such tests, or of their files: robots whose state is too old after 75 to
-200 ms, and many robots at a time. Others are marked ``real_time``."""
+"""Parts of the names of such tests, or of their files. They have robots with a state that is too old
+after 75 to 200 ms, or many robots at a time. Other such tests have the mark ``real_time``."""
 
 PURE = re.compile(
     "test_(arms|built_in_policies|calls|construction|contract|factory|fragments|fuzz|gates|generator|kinematics|late_requests"
     "|messages|page_keywords|plans|protocol|reference_behaviours|resend_rates|session|signatures|twin_programs|virtual)"
 )
-"""Files without a robot that runs, or in virtual time: for them a clock is a number. To wait for another
-test would keep a worker from the others."""
+"""Files without a running robot, or in virtual time: the real clock does not matter to them. They must not
+wait for the lock, because a waiting test blocks a worker."""
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """First: one worker gets them all, and who is done with the others takes some from it."""
+    """Mark these tests, and put them first. One worker then gets all of them, and a worker that has no
+    tests left takes some from it."""
     for item in items:
-        if "explore" in item.path.parts or PURE.match(item.path.stem):  # the former's time is simulated
+        # The time of the explorer is simulated.
+        if "explore" in item.path.parts or PURE.match(item.path.stem):
             continue
         if NAMES.search(item.nodeid):
             item.add_marker(pytest.mark.real_time)
@@ -39,7 +41,7 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 
 @pytest.hookimpl(wrapper=True)
 def pytest_runtest_protocol(item: pytest.Item) -> Generator[None, object, object]:
-    """With the robots that its module shares, which are set up here, too."""
+    """Hold the lock during a test. That includes the set-up of the robots that its module shares."""
     if item.get_closest_marker("real_time") is None:
         return (yield)
     with open(__file__) as lock:
@@ -47,4 +49,5 @@ def pytest_runtest_protocol(item: pytest.Item) -> Generator[None, object, object
         try:
             return (yield)
         finally:
-            fcntl.flock(lock, fcntl.LOCK_UN)  # of what was forked meanwhile, too
+            # A process that was forked meanwhile has inherited the lock. This releases it there, too.
+            fcntl.flock(lock, fcntl.LOCK_UN)

@@ -1,4 +1,4 @@
-"""Processes that compute without an end, beside a test."""
+"""Start processes that compute endlessly during a test."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from collections.abc import Iterator
 
 @contextlib.contextmanager
 def spinning(count: int) -> Iterator[list[subprocess.Popen[bytes]]]:
-    """Have so many processes compute until the end of the block."""
+    """Run ``count`` processes that compute until the end of the block."""
     processes = [subprocess.Popen([sys.executable, "-c", "while True: pass"]) for _ in range(count)]
     try:
         yield processes

@@ -1,5 +1,7 @@
-"""What the tests of any robot's tree do: connect it, have it move, and see it come back. Judged by
-the twin's log."""
+"""Common steps for tests of any robot's tree: connect it, move it, check that it recovers.
+
+The checks read the log of the twin's wire.
+"""
 
 from __future__ import annotations
 
@@ -20,16 +22,20 @@ from strands_actors.testing.wirelog import Entry
 from tests.answers import PATIENCE_S, json_of, resumed, state, status, task, task_ended, until, why
 
 Step = Callable[[Mapping[str, float]], dict[str, float]]
-"""A policy that is a function: from an observation to an action."""
+"""A policy as a function from an observation to an action."""
 
 ATTEMPTS = 5
-"""A machine that pauses ends a rollout before anything was broken: then it is begun again."""
+"""How often a rollout is begun. On a machine that pauses, one may end before the test breaks anything."""
 
 
 @contextlib.contextmanager
 def shared_twin(twin: Twin, *orders: str) -> Iterator[Twin]:
-    """Lend a twin that the tests of a module share, with an empty log. Afterwards it is well again:
-    ``orders`` undo what only this robot has."""
+    """Give a test the twin that the tests of its module share, with an empty log, and repair it afterwards.
+
+    Args:
+        twin: The twin.
+        orders: Orders to the twin that undo the faults which only this robot has.
+    """
     os.truncate(twin.log.path, 0)
     yield twin
     twin.go_on()
@@ -40,8 +46,8 @@ def shared_twin(twin: Twin, *orders: str) -> Iterator[Twin]:
 
 
 def connected(robot: RealRobot) -> RealRobot:
-    """Connect and arm it; return it. More than one try: on a busy machine a process may be late
-    enough to count as frozen."""
+    """Connect and arm the robot, and return it. On a busy machine a process may be so late that it counts
+    as frozen, so try again."""
     deadline_s = time.monotonic() + PATIENCE_S
     while (problem := robot.connect_eagerly()) is not None:
         assert time.monotonic() < deadline_s, f"it does not connect: {problem}"
@@ -49,8 +55,16 @@ def connected(robot: RealRobot) -> RealRobot:
 
 
 def is_lost_while_stuck(robot: RealRobot, twin: Twin, action: Mapping[str, float], said: str) -> None:
-    """Nothing but its reports stands still: every connection is open, and every call is answered.
-    ``said``: of why ``action`` is refused."""
+    """Freeze only the robot's reports, and check that it counts as lost until they change again.
+
+    All connections stay open meanwhile, and every call is answered.
+
+    Args:
+        robot: The robot.
+        twin: Its twin.
+        action: An action that is sent, and refused, meanwhile.
+        said: A part of the refusal's text.
+    """
     twin.fault("stuck")
     until(lambda: state(robot) == "lost", "it is noticed")
     lost_ns = time.monotonic_ns()
@@ -66,7 +80,7 @@ def is_lost_while_stuck(robot: RealRobot, twin: Twin, action: Mapping[str, float
 
 @contextlib.contextmanager
 def robot_on(port: str, name: str, **options: Any) -> Iterator[RealRobot]:
-    """A robot that is connected and armed, and cleaned up whatever the test does."""
+    """Give a connected and armed robot, and clean it up in any case."""
     robot = Robot(name, mode="real", port=port, **options)
     try:
         yield connected(robot)
@@ -75,21 +89,21 @@ def robot_on(port: str, name: str, **options: Any) -> Iterator[RealRobot]:
 
 
 def armed(robot: RealRobot) -> None:
-    """Resume it, if it was disarmed."""
+    """Resume the robot, unless it is armed or holding."""
     if state(robot) not in ("armed", "holding"):
         resumed(robot)
 
 
 def nudge(robot: RealRobot, joint: str, step: float = 0.01) -> Mapping[str, Any]:
-    """Ask for a small step from where the joint is, towards zero."""
+    """Send a small step of a joint from its position towards zero."""
     now = robot.get_observation().get(joint, 0.0)
     answer: Mapping[str, Any] = robot.send_action({joint: now - math.copysign(step, now)})
     return answer
 
 
 def wave(amplitudes: Mapping[str, float], phase_step: float) -> Step:
-    """Return a policy: joints go to and fro from where they are first seen. A pause does not make
-    them jump."""
+    """Return a policy that swings joints from their first position and back. It counts calls and not
+    time, so that joints do not jump after a pause."""
     zero: dict[str, float] = {}
     phase = 0.0
 
@@ -104,7 +118,7 @@ def wave(amplitudes: Mapping[str, float], phase_step: float) -> Step:
 
 
 def set_moving(robot: RealRobot, log: WireLog, new_policy: Callable[[], Step], setpoints: int = 30) -> None:
-    """Begin a rollout, and see so many setpoints on the wire."""
+    """Begin a rollout, and wait for more than ``setpoints`` setpoints on the wire."""
     begin_moving(
         robot,
         lambda: robot.run_policy(new_policy(), duration=60.0),
@@ -115,8 +129,14 @@ def set_moving(robot: RealRobot, log: WireLog, new_policy: Callable[[], Step], s
 def begin_moving(
     robot: RealRobot, begin: Callable[[], Mapping[str, Any]], moves: Callable[[dict[str, Any], int], bool]
 ) -> None:
-    """Begin what ``begin`` asks for, and see it move. ``moves``: from what is told of it, and from
-    when it began."""
+    """Begin a task and wait until the robot moves.
+
+    Args:
+        robot: The robot.
+        begin: Starts the task.
+        moves: Decides whether the robot moves, from the status of the task and the time of its start in
+            nanoseconds of CLOCK_MONOTONIC.
+    """
 
     def moves_or_ended(began_ns: int) -> dict[str, Any] | None:
         now = task(robot)
@@ -134,14 +154,14 @@ def begin_moving(
 
 
 def run_for(robot: RealRobot, new_policy: Callable[[], Step], duration_s: float) -> dict[str, Any]:
-    """Run a rollout to its end; return what is told of it then."""
+    """Run a rollout to its end, and return its last status."""
     return run_to_end(robot, lambda: robot.run_policy(new_policy(), duration=duration_s))
 
 
 def run_to_end(
     robot: RealRobot, begin: Callable[[], Mapping[str, Any]], exit_reason: str = "duration"
 ) -> dict[str, Any]:
-    """Begin what ``begin`` asks for; return what is told of it when it has ended, for that reason."""
+    """Begin a task by ``begin``, wait until it has ended for this reason, and return its last status."""
     now: dict[str, Any] = {}
     for _ in range(ATTEMPTS):
         armed(robot)
@@ -153,7 +173,7 @@ def run_to_end(
 
 
 def first_safe(log: WireLog, since_ns: int, safe_state: str | None = None) -> Entry:
-    """Wait for the first safe frame; with ``safe_state``, for one that brings all of the robot to it."""
+    """Wait for the first safe frame; with ``safe_state``, for the first that brings the whole robot into it."""
 
     def look() -> Entry | None:
         frames = log.host("safe", since_ns)
@@ -163,22 +183,28 @@ def first_safe(log: WireLog, since_ns: int, safe_state: str | None = None) -> En
 
 
 def made_safe(log: WireLog, since_ns: int) -> None:
-    """Wait for the first safe frame, and see that no setpoint comes after it."""
+    """Wait for the first safe frame, and check that no setpoint follows it."""
     first_safe(log, since_ns)
     time.sleep(0.3)
     log.no_setpoint_after_safe(since_ns)
 
 
 def comes_back(robot: RealRobot, log: WireLog, move: Callable[[], Mapping[str, Any]], within: float = 0.01) -> None:
-    """It is back by itself, disarmed; what ``move`` asks for is done only after a resume, from where
-    the robot is, ``within`` so much of each axis."""
+    """Check that the robot recovers by itself, disarmed, and moves only after a resume.
+
+    Args:
+        robot: The robot.
+        log: The log of its wire.
+        move: Sends a command.
+        within: How far each axis may be from the position that the resume reported, in its unit.
+    """
     back_ns = is_resumed(robot, log, move, within)
     json_of(move())
     until(lambda: log.host("setpoint", back_ns), "a setpoint")
 
 
 def is_resumed(robot: RealRobot, log: WireLog, move: Callable[[], Mapping[str, Any]], within: float = 0.01) -> int:
-    """As ``comes_back``, up to the resume; return since when it is back."""
+    """Check as ``comes_back`` up to the resume. Return the time at which the robot had recovered."""
     until(lambda: state(robot) == "disarmed", "it is back, disarmed")
     until(lambda: not task(robot)["running"], "the rollout has ended")
     back_ns = time.monotonic_ns()
@@ -192,7 +218,7 @@ def is_resumed(robot: RealRobot, log: WireLog, move: Callable[[], Mapping[str, A
 
 
 def answers_status(robot: RealRobot, times: int = 20) -> None:
-    """Ask for its status again and again: each answer comes in time, and says something."""
+    """Check that each of many requests for the status is answered with success."""
     for _ in range(times):
         json_of(robot.get_status())
         time.sleep(0.02)

@@ -1,4 +1,4 @@
-"""What the tests of cameras wait for, in looks that leave the processor to who draws."""
+"""Wait for events in the tests of cameras. The pauses leave the processor to the process that renders."""
 
 from __future__ import annotations
 
@@ -9,11 +9,11 @@ from typing import TypeVar
 T = TypeVar("T")
 
 PATIENCE_S = 90.0
-"""A camera computes after everybody else."""
+"""Long, because a camera's process computes only when the others leave it time."""
 
 
 def until(look: Callable[[], T | None], what: str) -> T:
-    """Look until there is something to see."""
+    """Call ``look`` every 30 ms until its result is true, and return that result."""
     deadline_s = time.monotonic() + PATIENCE_S
     while not (seen := look()):
         assert time.monotonic() < deadline_s, f"not within {PATIENCE_S:g} s: {what}"

@@ -1,6 +1,6 @@
-"""Stand-ins for what gives pictures, to be opened in a camera's own process.
+"""Fake sources of pictures, which a camera's process opens.
 
-What each does beside giving pictures is told by the file that ``view`` names.
+A file with the path in ``view`` controls some of them from outside.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ SIZE = 48, 32
 
 
 def picture(count: int, settings: CameraSettings) -> Picture:
-    """Red counts the pictures; blue is 200 in the upper left corner alone."""
+    """Return a picture. Red is the number of the picture; blue is 200 in the upper left corner only."""
     width, height = settings.captured_size if settings.width else SIZE
     image = np.zeros((height, width, 3), np.uint8)
     image[:, :, 0] = count % 256
@@ -31,7 +31,7 @@ def _is_there(settings: CameraSettings) -> bool:
 
 
 class Steady:
-    """As many as the settings say."""
+    """A source that gives pictures at the rate of the settings."""
 
     paced = False
 
@@ -48,13 +48,13 @@ class Steady:
 
 
 class Flood(Steady):
-    """As many as there is a processor for."""
+    """A source that gives pictures as fast as the processor allows."""
 
     paced = True
 
 
 class Plugged(Steady):
-    """Only while its file is there."""
+    """A source that works only while its file exists."""
 
     async def read(self) -> Picture:
         if not _is_there(self.settings):
@@ -63,7 +63,7 @@ class Plugged(Steady):
 
 
 class Broken(Steady):
-    """What a driver of a user's own may do."""
+    """A source that raises after three pictures, as a user's own driver may."""
 
     async def read(self) -> Picture:
         if self.count >= 3:
@@ -72,7 +72,7 @@ class Broken(Steady):
 
 
 class Ahead(Steady):
-    """Its pictures are stamped by another clock."""
+    """A source that stamps its pictures by another clock."""
 
     async def read(self) -> Picture:
         seen = await super().read()
@@ -80,7 +80,7 @@ class Ahead(Steady):
 
 
 class Wide(Steady):
-    """Another size than the one that was asked for."""
+    """A source that gives another size than the requested one."""
 
     async def read(self) -> Picture:
         image = np.zeros((40, 80, 3), np.uint8)
@@ -114,7 +114,7 @@ async def wide(settings: CameraSettings) -> Steady:
 
 
 async def once(settings: CameraSettings) -> Steady:
-    """One picture, and then nothing, for ever."""
+    """Open a source that gives one picture, and then blocks for ever."""
 
     class Once(Steady):
         async def read(self) -> Picture:

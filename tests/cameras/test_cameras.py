@@ -1,4 +1,4 @@
-"""Cameras of an arm on a twin: each a process of its own, which nobody waits for."""
+"""Cameras of an arm on a twin. Each has a separate process, and no other process waits for it."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ def new_arm(run_dir: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[NewArm]:
     for arm in made:
         arm.cleanup()
     with pytest.raises(FileNotFoundError):
-        pictures_dir()  # nothing is left
+        pictures_dir()  # no pictures are left
 
 
 def pid_of(arm: RealRobot, camera: str) -> int:
@@ -115,7 +115,8 @@ def test_who_looks_never_waits_and_is_never_given_an_old_picture(new_arm: NewArm
     with pytest.raises(StaleFrame, match=r"camera 'eye': the newest picture is .* ms old") as refusal:
         arm.read_camera("eye")
     assert isinstance(refusal.value.stale, Stale)
-    assert arm.read_camera("eye", max_age_ms=60_000).sequence == 1  # whoever says so has it
+    # A caller that allows old pictures gets this one.
+    assert arm.read_camera("eye", max_age_ms=60_000).sequence == 1
     assert told(arm, "eye")["stale"]
     with pytest.raises(ValueError, match=r"no camera 'ear'\. there are eye"):
         arm.read_camera("ear")
@@ -211,7 +212,7 @@ def test_the_same_in_trio_and_blue_first_where_that_is_asked_for(run_dir: Path) 
     assert of_others.image[-1, -1].tolist()[2] == 200, "RGB to everybody else"
 
 
-# -- what a camera may not do to the robot
+# -- cameras do not disturb the robot
 
 
 def wave(observation: dict[str, float]) -> dict[str, float]:
@@ -220,8 +221,9 @@ def wave(observation: dict[str, float]) -> dict[str, float]:
 
 @pytest.mark.long
 def test_saf_001_003_setpoints_do_not_notice_what_becomes_of_a_camera(new_arm: NewArm, run_dir: Path) -> None:
-    """SAF-001, SAF-003: killed, frozen and flooded in turn, beside a stream at 50 Hz: none of its
-    setpoints comes after its lifetime (the robot would hold), and a stop is as quick as ever."""
+    """SAF-001, SAF-003: while setpoints are streamed at 50 Hz, one camera is killed, and another, which
+    floods, is frozen. No setpoint exceeds its lifetime (the robot would hold), and a stop is as quick as
+    without cameras."""
     arm = new_arm({"eye": {"type": OWN + "steady", **SMALL}, "flood": {"type": OWN + "flood", **SMALL}})
     log = WireLog(run_dir / "wire")
     eye = attach_camera("so101", "eye")
@@ -249,8 +251,8 @@ def test_saf_001_003_setpoints_do_not_notice_what_becomes_of_a_camera(new_arm: N
 
 
 def test_saf_015_a_camera_has_nothing_of_the_robot_open_and_ends_with_it(new_arm: NewArm) -> None:
-    """SAF-015: no descriptor of the wire, no socket of others, only its own pictures. It ends with
-    its root, however that ends."""
+    """SAF-015: a camera has no descriptor of the wire and no socket of another process, only its own
+    pictures. It ends when its root is killed."""
     arm = new_arm({"eye": {"type": OWN + "steady", **SMALL}})
     picture(attach_camera("so101", "eye"))
     pid = pid_of(arm, "eye")
@@ -278,5 +280,5 @@ def open_of(pid: int) -> set[str]:
 
 
 def streams(pid: int) -> set[str]:
-    """The terminal that a test may have been started in."""
+    """Return the standard streams of a process. They may be the terminal of the test run."""
     return {os.readlink(f"/proc/{pid}/fd/{number}") for number in (0, 1, 2)}

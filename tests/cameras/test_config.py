@@ -1,4 +1,4 @@
-"""``cameras=``: LeRobot's words, checked before anything is started."""
+"""``cameras=`` takes LeRobot's settings, which are checked before any process is started."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ FULL = {"type": "opencv", "index_or_path": 0, "fps": 30, "width": 640, "height":
 
 @pytest.fixture(autouse=True)
 def opencv_is_there(monkeypatch: pytest.MonkeyPatch) -> None:
-    """It is not imported here, whether it is installed or not."""
+    """Let the check of the extra pass, whether it is installed or not. It is not imported here."""
     monkeypatch.setattr("strands_actors.surfaces.cameras.config.missing", lambda extra, use: "")
 
 
@@ -37,7 +37,7 @@ def test_a_configuration_of_lerobots_is_taken_as_it_is() -> None:
     assert (found.width, found.height, found.captured_size) == (640, 480, (480, 640))
     assert (found.rotation, found.color_mode, found.fourcc, found.backend) == (90, "bgr", "MJPG", 200)
     assert found.warmup_s == 2.0
-    assert settings({"index_or_path": 0}).warmup_s == 1.0  # as there
+    assert settings({"index_or_path": 0}).warmup_s == 1.0  # LeRobot's default
     assert settings({"index_or_path": 0, "warmup_s": 0}).warmup_s == 0.0
 
 
@@ -51,7 +51,7 @@ class _Color(enum.StrEnum):
 
 @dataclass
 class _OpenCVCameraConfig:
-    """As LeRobot's own is."""
+    """A settings object like that of LeRobot."""
 
     index_or_path: int | Path = Path("/dev/video2")
     fps: int | None = 30
@@ -82,7 +82,7 @@ def test_a_twin_shows_its_scene_and_a_real_device_when_one_is_named() -> None:
         assert (scene.type, scene.view, scene.width, scene.height) == ("scene", "top", 640, 480)
         assert settings({"index_or_path": 0}, **keywords).type == OPENCV
     (laptop,) = plan("so101", **TWIN, cameras={"laptop": {}}).cameras
-    assert laptop.view == "front"  # any name will do: a scene has no laptop
+    assert laptop.view == "front"  # any name is allowed, because a scene has no laptop
     assert plan("so101", **TWIN).cameras == ()
 
 
@@ -146,4 +146,4 @@ def test_without_opencv_the_line_that_installs_it(monkeypatch: pytest.MonkeyPatc
     monkeypatch.setattr("strands_actors.surfaces.cameras.config.missing", extras.missing)
     with pytest.raises(ValueError, match=r"needs cv2\. pip install 'strands-actors\[cameras\]'"):
         Robot("so101", **PORT, cameras={"top": FULL})
-    assert Robot("so101", **TWIN, cameras={"top": {}}) is not None  # a scene needs none of it
+    assert Robot("so101", **TWIN, cameras={"top": {}}) is not None  # a scene does not need it

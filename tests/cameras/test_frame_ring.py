@@ -1,4 +1,4 @@
-"""The file in which pictures lie: one process writes it, any number read, and nobody waits."""
+"""The file that holds pictures: one process writes it, any number of processes read, and no one waits."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ def test_what_was_put_last_is_what_is_read(path: str) -> None:
 
 
 def test_a_picture_is_whole_however_fast_it_is_replaced(path: str) -> None:
-    """Every byte of a picture is the same; one that was torn would have two."""
+    """All bytes of a picture are equal. A picture that was read while it was written would have two values."""
     reader = FrameRing(path)
     numbers = set()
     other = multiprocessing.get_context("fork").Process(target=_write_for, args=(path, 1.0))
@@ -75,7 +75,7 @@ def test_a_writer_that_ends_in_the_middle_leaves_the_picture_before_it(path: str
     writer, reader = FrameRing(path, writes=True), FrameRing(path)
     for value in range(1, 6):
         put(writer, value)
-    # what a process that was killed while it wrote number 6 leaves
+    # This is the state after a process was killed while it wrote number 6.
     slot = FRONT + (6 % SLOTS) * (HEAD + BYTES)
     with open(path, "r+b") as file:
         file.seek(slot)
@@ -134,7 +134,7 @@ def test_compressed_pictures_lie_beside_and_only_if_they_fit(path: str) -> None:
 
 
 def test_who_needs_no_pictures_maps_none(tmp_path: Path) -> None:
-    """A root locks all that it maps, and may lock little."""
+    """A root locks all memory that it maps, and may lock only little."""
     path = str(tmp_path / "large")
     create(path, 4096 * 4096 * 3, 1)
     root, camera = FrameRing(path, writes=True, front=True), FrameRing(path, writes=True)

@@ -1,4 +1,4 @@
-"""Cameras of type ``opencv``, on a stand-in for OpenCV's capture: no device is here."""
+"""Cameras of type ``opencv``, on a stand-in for OpenCV's capture, because there is no device."""
 
 from __future__ import annotations
 
@@ -17,8 +17,8 @@ V4L2, ANY = 200, 0
 
 
 class Capture:
-    """A device that gives 640 x 480 at 30 Hz, whatever it is told, and its picture number as red.
-    ``kernel_ms``: what it says of when a picture was taken."""
+    """A device that gives 640 x 480 at 30 Hz with any settings, and the picture's number as red.
+    ``kernel_ms`` is the time that it reports for a picture."""
 
     def __init__(self, module: StandIn, place: int | str, backend: int) -> None:
         self.module = module
@@ -50,7 +50,7 @@ class Capture:
 
 
 class StandIn:
-    """The module ``cv2``, as far as it is used."""
+    """The used part of the module ``cv2``."""
 
     CAP_ANY, CAP_V4L2 = ANY, V4L2
     CAP_PROP_BUFFERSIZE, CAP_PROP_FOURCC, CAP_PROP_POS_MSEC = "buffers", "fourcc", "ms"
@@ -116,7 +116,7 @@ def test_the_devices_own_time_counts_where_it_is_on_our_clock(behind_ms: float, 
 
 
 def test_a_device_that_was_believed_once_is_believed_when_its_picture_is_old() -> None:
-    """It waited in the device's buffer while nobody took it."""
+    """A picture waited in the device's buffer because the camera process did not read."""
     behind_ms = {1: 40.0, 2: 10_000.0, 3: 20.0}
     cv2 = StandIn(kernel_ms=lambda count: time.monotonic_ns() / 1e6 - behind_ms.get(count, 0.0))
     source = open_with(settings(), cv2)
@@ -142,7 +142,7 @@ def test_another_size_or_rate_than_was_asked_for_is_refused(word: str, value: fl
 
 
 def test_a_file_is_read_by_whatever_reads_it_at_the_rate_that_is_asked_for(tmp_path: Path) -> None:
-    cv2 = StandIn(kernel_ms=lambda count: 33.3 * count)  # of the film, not of our clock
+    cv2 = StandIn(kernel_ms=lambda count: 33.3 * count)  # time within the film, not of our clock
     film = tmp_path / "film.avi"
     film.touch()
     source = open_with(settings(index_or_path=str(film), fps=5.0), cv2)

@@ -1,4 +1,4 @@
-"""Where pictures lie."""
+"""The directory of pictures."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from strands_actors.surfaces.cameras import picture_files
 
 
 def test_a_name_that_another_user_has_taken_is_passed_by(run_dir: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Anybody may make a directory in ``/dev/shm``, also one with the name that is ours."""
+    """Any user may make a directory in ``/dev/shm``, also one with our name."""
     ours = picture_files.pictures_dir(make=True)
     assert ours != own_dir()
     ours.rmdir()

@@ -1,4 +1,4 @@
-"""How old a picture of a scene is said to be."""
+"""The time stamp of a picture of a scene."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from strands_actors.drivers.sim.pictures import ScenePictures
 
 
 class Late:
-    """A twin whose answer was long on its way."""
+    """A twin whose answer took long to arrive."""
 
     scene = -1  # the one that is known
     qpos = b""

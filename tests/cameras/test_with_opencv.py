@@ -1,4 +1,4 @@
-"""What OpenCV itself does: a film in the place of a device, JPEG on the mesh, a rover's pictures."""
+"""Tests with OpenCV itself: a film in place of a device, JPEG on the mesh, a rover's pictures."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ STEADY = {"type": "tests.cameras.sources:steady", "fps": 20, "width": 48, "heigh
 
 @pytest.fixture
 def film(tmp_path: Path) -> Path:
-    """Forty pictures of 64 x 48, each with its number as blue."""
+    """Write a film of forty pictures of 64 x 48. The blue value is six times the picture's number."""
     path = tmp_path / "film.avi"
     writer = cv2.VideoWriter(str(path), cv2.VideoWriter_fourcc(*"MJPG"), 20.0, (64, 48))
     for number in range(40):

@@ -1,4 +1,4 @@
-"""The command and a script with a robot, each as a real process."""
+"""Run the command, and a script with a robot, each as a real process."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ import strands_actors
 from tests.answers import until
 
 PATIENCE_S = 60.0
-"""For a busy machine."""
+"""Longest wait on a busy machine."""
 
 ROOT = Path(strands_actors.__file__).parents[1]
 
@@ -33,7 +33,7 @@ robot.cleanup()
 
 
 class Command:
-    """``strands-actors`` with its own directory for robots to meet in."""
+    """Runs ``strands-actors`` with a separate run directory."""
 
     def __init__(self, directory: Path) -> None:
         self.environment = {
@@ -68,13 +68,13 @@ class Command:
         return json.loads(done.stdout)
 
     def processes(self) -> list[int]:
-        """All that were started in this world, by whomever, and have not ended."""
+        """Return all processes that were started with this run directory and have not ended."""
         found = []
         for entry in Path("/proc").iterdir():
             if entry.name.isdigit():
                 try:
                     variables = (entry / "environ").read_bytes().split(b"\0")
-                except OSError:  # it has just ended
+                except OSError:  # the process has just ended
                     continue
                 if self._mark in variables:
                     found.append(int(entry.name))
@@ -85,8 +85,8 @@ class Command:
 
 
 class RobotProcess:
-    """A user's script: a connected robot that obeys line by line. ``expected``: in what it says
-    when it connects, when all is not well."""
+    """A user's script: it connects a robot, and calls one verb for each line of its input. ``expected`` is
+    a part of its message when it cannot connect normally."""
 
     def __init__(self, command: Command, expected: str | None = None) -> None:
         self._environment = command.environment
@@ -124,6 +124,6 @@ class RobotProcess:
 
 
 def refusal_code(answer: dict[str, Any]) -> str | None:
-    """Of an envelope; None when it is no refusal."""
+    """Return the refusal code of an envelope; None if it is not a refusal."""
     refused = answer["content"][-1].get("json", {}).get("refused")
     return None if refused is None else str(refused["code"])

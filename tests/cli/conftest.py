@@ -12,7 +12,7 @@ from .command import Command, RobotProcess
 
 @pytest.fixture
 def cli() -> Iterator[Command]:
-    """The command, in a world of its own: it sees no robot but this test's."""
+    """Give the command with a separate run directory, in which it sees only the robots of this test."""
     directory = Path(tempfile.mkdtemp(prefix="sa-"))  # short: sockets live there
     command = Command(directory)
     try:

@@ -1,4 +1,4 @@
-"""A terminal with the command in it."""
+"""Run the command in a pseudo-terminal."""
 
 from __future__ import annotations
 
@@ -18,10 +18,10 @@ ALT_SCREEN_OFF = b"\x1b[?1049l"
 
 
 class Terminal:
-    """``shown``: all that was written to it; complete after the block."""
+    """A terminal. ``shown`` has all its output, and is complete after the block."""
 
     def __init__(self, cli: Command, *arguments: str, rows: int = 45, **keywords: Any) -> None:
-        """``keywords``: of ``Popen``."""
+        """``keywords`` are passed to ``Popen``."""
         self.shown = bytearray()
         self._screen, self._terminal = pty.openpty()
         ioctl(self._terminal, termios.TIOCSWINSZ, struct.pack("HHHH", rows, 120, 0, 0))
@@ -53,5 +53,5 @@ class Terminal:
         try:
             while data := os.read(self._screen, 65536):
                 self.shown.extend(data)
-        except OSError:  # the last one has closed its end
+        except OSError:  # the last process has closed its end
             pass

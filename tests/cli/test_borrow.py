@@ -1,4 +1,4 @@
-"""A robot whose lease is free is used, and its lease is given back, whatever became of the use."""
+"""A command borrows a free lease of a robot, and always gives it back."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from strands_actors.surfaces.cli.borrow import borrow
 
 @pytest.fixture
 def releases(monkeypatch: pytest.MonkeyPatch) -> list[Any]:
-    """What the robot answers to a release; none: it does not answer."""
+    """The robot's answers to a release; without any, it does not answer."""
     answers: list[Any] = []
 
     @asynccontextmanager

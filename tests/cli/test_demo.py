@@ -1,4 +1,4 @@
-"""The demo as a person runs it: it proves its safety by its exit code, and leaves nothing
+"""The demo, run as by a user: its exit code shows whether the robot was safe, and it leaves nothing
 behind."""
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""A drill's reasons can be read on a terminal of 80 columns."""
+"""The reasons in a drill's table are readable on a terminal of 80 columns."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Without the extras: robots and simulations run, and what needs an extra names the line that
+"""Without the extras, robots and simulations run. A function that needs an extra names the command that
 installs it."""
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ HIDDEN = (
 
 @pytest.fixture
 def lean(cli: Command, tmp_path: Path) -> Command:
-    """The command where only the core is installed: every process begins without the rest."""
+    """Give the command as if only the core were installed: no process can import the extras."""
     hide = f"import sys\nsys.modules.update(dict.fromkeys({HIDDEN!r}))\n"
     (tmp_path / "sitecustomize.py").write_text(hide)
     cli.environment["PYTHONPATH"] += f":{tmp_path}"

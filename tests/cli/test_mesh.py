@@ -1,4 +1,4 @@
-"""``echo``, ``hz``, ``send`` and ``mesh``, as real processes."""
+"""The commands ``echo``, ``hz``, ``send`` and ``mesh`` as real processes."""
 
 from __future__ import annotations
 
@@ -77,7 +77,7 @@ def test_a_target_is_sent_once_the_script_has_given_the_lease_up(cli: Command, r
 
 @pytest.mark.long
 def test_what_a_script_has_released_is_moved_without_a_resume(cli: Command, robot: RobotProcess) -> None:
-    """By one command after the other. It holds in between, and says why."""
+    """Move by single commands. Between them the robot holds, and reports why."""
     assert robot.call("send_action", {"shoulder_pan": 2.0})["status"] == "success"
     assert robot.call("release")["status"] == "success"
     for target in (5, 8):

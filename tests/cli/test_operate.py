@@ -1,4 +1,4 @@
-"""``stop``, ``estop`` and ``resume`` bind a robot that runs in another process."""
+"""``stop``, ``estop`` and ``resume`` act on a robot that runs in another process."""
 
 from __future__ import annotations
 
@@ -73,7 +73,7 @@ def test_every_robot_at_once(cli: Command, robot: RobotProcess) -> None:
 
 
 def test_saf_018_a_lock_outlives_the_script_and_is_lifted_without_one(cli: Command) -> None:
-    """As when systemd restarts it: killed, and started again."""
+    """Kill the process and start it again, as systemd does."""
     with RobotProcess(cli) as robot:
         done = cli.run("estop", "so101")
         assert done.returncode == 0, done.stderr
@@ -134,14 +134,14 @@ def test_saf_005_a_run_directory_that_cannot_be_used_is_told(cli: Command, robot
 
 
 class Silent:
-    """A directory of robots that nobody answers for."""
+    """A directory of robots in which no robot confirms a stop."""
 
     async def stop(self, note: Note, reason: Reason, by: str, lock: bool = False) -> StopResult:
         return Unreachable(Refused("unconfirmed", "neither wire nor root answers"), ("shoulder_pan", "gripper"))
 
 
 def test_saf_018_an_estop_that_nobody_answers_locks_the_port_too(run_dir: Path) -> None:
-    """Its next tree may have another name: a dead one's may be taken for a while."""
+    """The next tree may get another name, because that of a dead tree may stay taken for a while."""
     note = Note("so101", "so101", 1, [], port="192.0.2.10")
     done, line = trio.run(operate.estop, cast("Directory", Silent()), note)
     assert not done

@@ -1,4 +1,4 @@
-"""What somebody types who wants a robot to stop, and cannot look the command up."""
+"""Words that a user may type to stop a robot without looking the command up."""
 
 from __future__ import annotations
 

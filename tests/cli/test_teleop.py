@@ -1,4 +1,4 @@
-"""``teleop``, as somebody runs it whose leader is not there."""
+"""``teleop`` without a connected leader."""
 
 from __future__ import annotations
 

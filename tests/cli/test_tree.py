@@ -1,4 +1,4 @@
-"""``tree``: the robots that run, from another process."""
+"""``tree`` shows the running robots from another process."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ def test_a_running_robot(cli: Command, robot: RobotProcess) -> None:
 
 
 def test_it_follows_a_task_and_a_stop(cli: Command, robot: RobotProcess) -> None:
-    for _ in range(ATTEMPTS):  # a busy machine may end a rollout before anybody looks
+    for _ in range(ATTEMPTS):  # on a busy machine a rollout may end before the command reads it
         assert robot.call("resume")["status"] == "success"
         assert robot.call("start_task", "wave", None, "localhost", "mock")["status"] == "success"
         if "policy" in (found := pids(only(cli.json("tree")))):

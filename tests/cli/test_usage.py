@@ -1,4 +1,4 @@
-"""What is asked wrongly is answered by one line and exit code 2."""
+"""The command answers a wrong call with one line and exit code 2."""
 
 from __future__ import annotations
 
@@ -109,7 +109,7 @@ def test_list_tells_who_drives_which_robot(cli: Command) -> None:
     assert rows["ability_hand"] == {**nobody, "experimental": {}}
     drawn = cli.run("list", "--all").stdout
     assert all(robot in drawn for robot in rows)
-    assert "lerobot: pip install" in drawn  # who would drive it, and does not here
+    assert "lerobot: pip install" in drawn  # LeRobot could drive it, but is not installed here
 
 
 def test_list_shows_first_what_works_here(cli: Command) -> None:

@@ -1,4 +1,4 @@
-"""A cable between two hosts that can be cut: a TCP relay."""
+"""Simulate a cable between two hosts that can be cut, by a TCP relay."""
 
 from __future__ import annotations
 
@@ -8,8 +8,11 @@ from types import TracebackType
 
 
 class Cable:
-    """Relays to ``127.0.0.1:port`` from ``self.port``. ``cut``: nothing passes any more,
-    in either direction, and nobody is told; ``heal``: what connects from now on passes."""
+    """A relay from ``self.port`` to ``127.0.0.1:port``.
+
+    After ``cut`` no data passes in either direction, and neither end is notified. ``heal`` closes the old
+    connections, and new ones pass.
+    """
 
     def __init__(self, port: int) -> None:
         self._to = port
@@ -56,7 +59,7 @@ class Cable:
                 threading.Thread(target=self._relay, args=(source, target), daemon=True).start()
 
     def _relay(self, source: socket.socket, target: socket.socket) -> None:
-        """Until either end is closed."""
+        """Relay data until either end is closed."""
         try:
             while data := source.recv(65536):
                 if self._whole.is_set():

@@ -1,5 +1,5 @@
-"""A subscriber written for strands-robots: its keys, its field names, nothing of ours but the note
-that says where the robot is."""
+"""A subscriber as written for strands-robots, with its keys and field names. It uses only one thing of ours:
+the note with the robot's address."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from tests.answers import until
 
 
 class Subscriber:
-    """As one of theirs: a plain zenoh session, the last JSON record of each topic."""
+    """A plain zenoh session that keeps the last JSON record of each topic, as strands-robots does."""
 
     def __init__(self) -> None:
         (note,) = notes()
@@ -33,7 +33,7 @@ class Subscriber:
         return until(lambda: self._last.get(topic), topic)
 
     def known(self, topic: str, field: str) -> Any:
-        """A field once it is there: the first samples may be of before it was read."""
+        """Wait for a field, and return it. The first samples may be older than its first reading."""
         return until(
             lambda: [value for value in [self._last.get(topic, {}).get(field)] if value is not None], field
         )[0]

@@ -1,4 +1,4 @@
-"""What is put in a row arrives, on a busy machine, too."""
+"""All messages of a burst arrive, also on a busy machine."""
 
 from __future__ import annotations
 

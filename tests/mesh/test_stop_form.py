@@ -1,4 +1,4 @@
-"""A stop is refused for nothing: neither its form, nor another name in it."""
+"""A stop is never refused, neither because of its form nor because of another name in it."""
 
 from __future__ import annotations
 

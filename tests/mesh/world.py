@@ -1,4 +1,4 @@
-"""A robot in memory on a real mesh, and what others see of it."""
+"""Run a robot in memory on a real mesh, and clients that observe it."""
 
 from __future__ import annotations
 
@@ -25,14 +25,15 @@ from strands_actors.surfaces.mesh.config import TLS, MeshConfig
 from strands_actors.testing import FakeHardware, InlineTree, open_inline_tree
 
 PATIENCE_S = 20.0
-"""For a busy machine."""
+"""Longest wait for an event on a busy machine."""
 
 
 @contextlib.asynccontextmanager
 async def robot_on_mesh(
     hardware: FakeHardware | None = None, config: MeshConfig | Callable[[str], MeshConfig] | None = None
 ) -> AsyncIterator[tuple[str, InlineTree, MeshService]]:
-    """Armed. Its name, its tree, its service on the mesh. ``config`` may depend on its name."""
+    """Run an armed robot. Give its name, its tree and its service on the mesh. ``config`` may be a function
+    of the name."""
     async with open_inline_tree(hardware, MonotonicClock()) as tree, trio.open_nursery() as nursery:
         robot = tree.gate.address.split("/")[1]
         name = Name(robot)
@@ -77,7 +78,7 @@ async def until(look: Callable[[], Any], what: str, within_s: float = PATIENCE_S
 
 
 class Samples:
-    """Everything that comes in on a key."""
+    """All samples of a key."""
 
     def __init__(self, client: MeshClient, key: str) -> None:
         self.received: list[Received] = []
@@ -89,7 +90,7 @@ class Samples:
 
 
 async def raw(client: MeshClient, robot: str, payload: bytes, key: str = "cmd") -> None:
-    """Put what the client itself would never send."""
+    """Send a payload that the client itself would never send."""
     await until(lambda: client.is_there(robot), "it is there")
     client.sessions.via[robot].put(mesh_json.key(robot, key) if "/" not in key else key, payload, "x")
 

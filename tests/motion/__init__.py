@@ -1,1 +1,1 @@
-"""Motion in a time: plans over every robot, streams in virtual time, and what a script sees."""
+"""Motions with a duration: plans for every robot, streams in virtual time, and calls from a script."""

@@ -1,4 +1,4 @@
-"""Every robot's driver, and a state in which its gates let it move: one that follows at once."""
+"""Make every robot's driver, and a reading with which its gates let the robot move."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ SENSORS: Mapping[str, Mapping[str, tuple[float, ...]]] = {
     "Stretch": {"homed": (1.0,) * 9, "wheel_watchdog": (1.0,)},
     "BoosterDriver": {"fall_state": (0.0, 1e9), "motors": (29.0,), "upper_body": (1.0,)},
 }
-"""What gates ask for beside positions, by the driver's class."""
+"""Sensor values that gates read, by the driver's class."""
 
 TELL_THEIR_LIMITS = ("XArm", "RBY1")
 
 
 def drivers() -> dict[str, Driver]:
-    """Return one driver for each robot that there is."""
+    """Return one driver for each built-in robot."""
     found: dict[str, Driver] = {}
     for where in WIRES.values():
         made_by: type[Driver] = load(where)
@@ -34,7 +34,7 @@ def drivers() -> dict[str, Driver]:
 
 
 def middle(axis: Axis) -> float:
-    """Return where an axis is that has room to both sides."""
+    """Return a value of the axis with room on both sides."""
     if axis.mode is AxisMode.VELOCITY:
         return axis.rest
     return 0.0 if axis.low == -axis.high or axis.low == -float("inf") else (axis.low + axis.high) / 2

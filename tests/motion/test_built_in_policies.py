@@ -1,4 +1,4 @@
-"""The built-in policies begin where the robot is, and no gate of any robot refuses what they do."""
+"""The built-in policies begin at the robot's position, and no gate of any robot refuses their actions."""
 
 from __future__ import annotations
 
@@ -23,8 +23,13 @@ RUNS_S = 3.0
 
 
 def first_refusal(robot: str, policy: Any, at_share: float) -> Refused | None:
-    """Run a policy for ``RUNS_S`` on a robot that follows at once. ``at_share``: of its range, where
-    each joint is at first."""
+    """Run a policy for ``RUNS_S`` on a robot that follows at once, and return the first refusal.
+
+    Args:
+        robot: The robot's name.
+        policy: The policy.
+        at_share: Where each joint is at first, as a share of its range.
+    """
     driver = DRIVERS[robot]
     hz = driver.timing.control_hz
     seen = observed(driver)

@@ -40,7 +40,8 @@ def test_saf_006_a_stop_ends_it_and_no_setpoint_follows(arm: RealRobot, twin: Tw
     began_ns = time.monotonic_ns()
 
     def moves() -> bool:
-        """On a busy machine a setpoint may be late, and the motion end: then it is begun again."""
+        """Return whether the robot moves. On a busy machine a late setpoint may have ended the motion;
+        then begin it again."""
         if not task(arm)["running"]:
             armed(arm)
             json_of(arm.move_along(waves(20.0), hz=HZ, wait=False))

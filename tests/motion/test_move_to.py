@@ -25,12 +25,12 @@ PAN = "shoulder_pan"
 
 
 def other_side(arm: RealRobot) -> float:
-    """Return a target some way from where the joint is."""
+    """Return a target away from the joint's position."""
     return -25.0 if arm.get_observation()[PAN] > 0 else 25.0
 
 
 def begun(arm: RealRobot, twin: Twin, seconds: float = 8.0) -> int:
-    """Begin a long motion, see it move, and return when it began."""
+    """Begin a long motion, wait until the robot moves, and return the time of the start."""
     armed(arm)
     began_ns = time.monotonic_ns()
     json_of(arm.move_to({PAN: other_side(arm)}, seconds=seconds, wait=False))
@@ -99,7 +99,7 @@ arm.move_to({"shoulder_pan": float(sys.argv[2])}, seconds=20.0)
 
 
 def test_saf_003_a_killed_script_ends_it(twin: Twin, run_dir: Path) -> None:
-    for target in ("25", "-25"):  # one of the two is away from where the joint is
+    for target in ("25", "-25"):  # one of the two is away from the joint's position
         began_ns = time.monotonic_ns()
         script = subprocess.Popen([sys.executable, "-c", SCRIPT, twin.port, target])
         try:

@@ -1,5 +1,5 @@
-"""A path that somebody else has made is planned so that no gate refuses one of its steps, or it is
-refused before it begins."""
+"""``move_along`` plans a given path so that no gate refuses one of its steps, or refuses it before it
+begins."""
 
 from __future__ import annotations
 
@@ -22,16 +22,16 @@ DRIVERS = drivers()
 HZ = 30.0
 SWING_S = 4.0
 SHARE = 0.01
-"""Of its range, or of its top speed, by which each axis swings."""
+"""How far each axis swings, as a share of its range or of its top speed."""
 
 LEFT_OUT = {
-    "crazyflie": ("z",),  # it takes a height or a speed of climbing
-    "microduck": ("vx", "vy", "vyaw", "active"),  # it walks in a mode that it tells; active is a yes or no
+    "crazyflie": ("z",),  # it takes either a height or a climbing speed
+    "microduck": ("vx", "vy", "vyaw", "active"),  # it walks only in a mode that it reports; active is 0 or 1
 }
 
 
 def swings(driver: Driver) -> list[dict[str, float]]:
-    """Return a swing of every axis around where it is observed."""
+    """Return a path that swings every axis around its observed position."""
     rows = []
     for number in range(round(SWING_S * HZ)):
         wave = math.sin(math.tau * number / HZ / SWING_S)
@@ -50,7 +50,7 @@ def seen_of(driver: Driver) -> Seen:
 
 
 def planned(driver: Driver, rows: Any, hz: float = HZ) -> Motion | Refused:
-    """Plan it as ``move_along`` does: the first refusal of a step, or the motion."""
+    """Plan a path as ``move_along`` does. Return the motion, or the first refusal of a step."""
     path = read_path(driver, rows, hz)
     if isinstance(path, Refused):
         return path

@@ -1,5 +1,5 @@
-"""A motion in a time is planned so that no gate of any robot refuses one of its steps, or it is
-refused before it begins."""
+"""``move_to`` plans a motion with a duration so that no gate of any robot refuses one of its steps, or
+refuses it before it begins."""
 
 from __future__ import annotations
 
@@ -28,14 +28,15 @@ from .robots import NOW_NS, drivers, observed
 DRIVERS = drivers()
 MOVED = [name for name, driver in DRIVERS.items() if refuse_targets(driver, {}) is None]
 SHARE = 0.2
-"""Of its range, that each joint is moved by."""
+"""How far each joint is moved, as a share of its range."""
 
 
 def targets_of(driver: Driver) -> dict[str, float]:
-    """Return a target for every joint that is away from where it is observed."""
+    """Return a target for every joint, away from its observed position."""
     found = {}
     for axis, here in zip(driver.table, observed(driver).position, strict=True):
-        if axis.mode is AxisMode.POSITION and axis.key != "active":  # of a Microduck: no place, a yes or no
+        # "active" of a Microduck is 0 or 1, and no position.
+        if axis.mode is AxisMode.POSITION and axis.key != "active":
             span = axis.high - axis.low
             found[axis.key] = here + (SHARE * span if math.isfinite(span) else 1.0)
     return found
@@ -48,7 +49,7 @@ def planned(driver: Driver, seconds: float) -> Motion | Refused:
 
 
 def refusals(driver: Driver, motion: Motion) -> list[Refused]:
-    """Ask the robot's gates about each step, in the time in which it is sent."""
+    """Return the refusals by the robot's gates of all steps, each checked at the time of its sending."""
     seen = observed(driver)
     target, found = driver.first_target(seen), []
     for step in range(1, motion.n_steps + 1):

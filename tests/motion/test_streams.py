@@ -1,5 +1,5 @@
-"""Motion in a time on whole trees, in virtual time: each robot's own gate, transport and wire, with its
-twin in memory. Judged by what the robot took."""
+"""Motions with a duration on whole trees, in virtual time: each robot's own gate, transport and wire, with
+its twin in memory. The checks read the commands that the robot received."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ from tests.tree.writer import Writer
 MOCK_S = 3.0
 
 Make = Callable[[Driver, Seen], tuple[Any, int]]
-"""Returns a policy, and after how many steps it ends."""
+"""Returns a policy, and the number of steps after which it ends."""
 
 POLICIES = [robot for robot in RIGS if not native(robot).ROLLOUTS]
 BASES = {
@@ -53,7 +53,7 @@ BASES = {
 
 @pytest.fixture(autouse=True)
 def without_threads(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Have policies think in the loop: virtual time would go on while a thread works."""
+    """Run the policies' code in the loop, because virtual time would go on while a thread works."""
 
     async def run_sync(function: Callable[..., Any], *args: Any, **_: Any) -> Any:
         await trio.lowlevel.checkpoint()
@@ -70,8 +70,11 @@ class Ended(NamedTuple):
 
 
 def run(robot: str, make: Make, meanwhile: Callable[..., Any] | None = None) -> Ended:
-    """Run a policy on a robot's tree. ``make``: returns it, and after how many steps it ends (0: after
-    ``MOCK_S``). ``meanwhile``: is run beside it, on the tree."""
+    """Run a policy on a robot's tree.
+
+    ``make`` returns the policy and the number of its steps (0: it ends after ``MOCK_S``). ``meanwhile``
+    runs at the same time, and is given the tree.
+    """
     found: list[Ended] = []
 
     async def main() -> None:
@@ -127,7 +130,7 @@ async def rollout(
         with trio.fail_after(LONGEST_S):
             await over.wait()
         nursery.cancel_scope.cancel()
-    await trio.sleep(0.5)  # what a robot reports is a little late
+    await trio.sleep(0.5)  # a robot's reports are a little late
     seen = (await tree.status()).observation
     assert seen is not None
     return Ended(ended[0], began_s, seen.position, bench)
@@ -141,7 +144,7 @@ def test_the_mock_runs_to_its_end(robot: str) -> None:
 
 
 def a_little(driver: Driver, seen: Seen) -> dict[str, float]:
-    """Return a target near to where the first joint is."""
+    """Return a target near the position of the first joint."""
     at = next(at for at, axis in enumerate(driver.table) if axis.mode is AxisMode.POSITION)
     axis, here = driver.table[at], seen.observation.position[at]
     span = min(axis.high - axis.low, 2.0 if "rad" in axis.unit else 100.0)
@@ -150,7 +153,7 @@ def a_little(driver: Driver, seen: Seen) -> dict[str, float]:
 
 
 KEEPS_NO_POSE = ("earthrover", "unitree_go2")
-"""A base has no joints, and legs fall when commands end: ``move_to`` refuses both."""
+"""Robots that ``move_to`` refuses: a base has no joints, and legs fall when commands end."""
 
 
 @pytest.mark.parametrize("robot", KEEPS_NO_POSE)

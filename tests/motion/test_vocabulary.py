@@ -1,4 +1,4 @@
-"""What an agent can command, a script can call, by the same name and with the same words."""
+"""A script can call each command of an agent, by the same name and with the same arguments."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ def test_each_command_of_an_agent_is_a_method_of_every_handle(robot: str) -> Non
 
 
 def test_the_words_of_the_reference_are_taken() -> None:
-    """As its drivers have them: ``move(linear_x, ..., duration_s)``."""
+    """The arguments are those of the robot's own driver: ``move(linear_x, ..., duration_s)``."""
     call = call_of(DRIVERS["yahboom_m3pro"], "move", (0.2,), {"angular_z": 0.5, "duration_s": 2.0})
     assert isinstance(call, Call) and call.held_s == 2.0
     assert call.action == {"linear.x": 0.2, "linear.y": 0.0, "angular.z": 0.5}

@@ -1,7 +1,7 @@
-"""Break the safety code in many small ways, and see an ordinary test notice each.
+"""Break the safety code in many small ways, and check that an ordinary test notices each.
 
-``python -m tests mutate [--only PART] [--resume FILE] [--jobs N]``: every mutation of
-``mutations.py`` in every place of ``places.py`` is made in a copy of the project, and the tests that
-hold that place are run until one fails. What no test notices survives. A survivor is a missing test,
-or has a reason in ``reasons.toml``. ``docs/mutations.md`` is the table.
+``python -m tests mutate [--only PART] [--resume FILE] [--jobs N]`` makes every mutation of
+``mutations.py`` in every place of ``places.py``, in a copy of the project. After each it runs the tests
+of that place until one fails. A mutation that no test notices survives. A survivor means that a test is
+missing, or has a reason in ``reasons.toml``. ``docs/mutations.md`` is the table.
 """

@@ -1,4 +1,4 @@
-"""Small mistakes in Python source. Pure: text in, texts out.
+"""Make small mistakes in Python source. This module is pure: text in, texts out.
 
 mutation     before                       after
 delay        async def make_safe(): ...   its first statement waits for 0.3 s
@@ -33,12 +33,20 @@ _EDGES: dict[type[ast.cmpop], str] = {
     ast.IsNot: "is",
 }
 _LOGS = ("_log", "note", "_tell_decided", "audit")
-"""Calls that tell people, and nobody else."""
+"""Calls that only inform people. They are not mutated."""
 
 
 class Mutation(NamedTuple):
-    """One mistake. ``function``: where, with its class. ``before``, ``after``: the code in one line.
-    ``source``: the whole file with it."""
+    """One mistake.
+
+    Attributes:
+        kind: The kind of mutation, as in the table above.
+        function: The function with its class, or ``table``.
+        line: The line in the file.
+        before: The original code in one line.
+        after: The wrong code in one line.
+        source: The whole file with the mistake.
+    """
 
     kind: str
     function: str
@@ -49,7 +57,7 @@ class Mutation(NamedTuple):
 
     @property
     def key(self) -> str:
-        """Return a name that outlives changes of other lines."""
+        """Return a name that stays the same when other lines change."""
         return f"{self.kind} | {self.function} | {self.before} | {self.after}"
 
 
@@ -64,7 +72,7 @@ def mutations(source: str, functions: Collection[str] = ()) -> Iterator[Mutation
 
     Args:
         source: The file.
-        functions: Names of the functions that are mutated. Empty: all, and the tables of the file.
+        functions: Names of the functions that are mutated. Empty for all, and the tables of the file.
     """
     data = source.encode()
     starts = [0]
@@ -103,12 +111,12 @@ def _edits(tree: ast.Module, functions: Collection[str]) -> Iterator[tuple[str, 
 
 
 def _rows(value: ast.expr) -> Iterator[_Edit]:
-    """Return a table without each of its rows."""
+    """Return one edit for each row of a table, which removes that row."""
     if isinstance(value, ast.Dict) and len(value.values) > 1:
-        for at in range(len(value.values)):
+        for index in range(len(value.values)):
             fewer = ast.Dict(
-                [key for other, key in enumerate(value.keys) if other != at],
-                [row for other, row in enumerate(value.values) if other != at],
+                [key for number, key in enumerate(value.keys) if number != index],
+                [row for number, row in enumerate(value.values) if number != index],
             )
             yield _Edit("drop", value, ast.unparse(fewer))
     called = isinstance(value, ast.Call) and len(value.args) == 1
@@ -158,7 +166,7 @@ def _of_node(node: ast.AST, may_be_none: bool) -> Iterator[_Edit]:
 
 
 def _binds(node: ast.AST) -> bool:
-    """Return whether a name is bound in an expression: written anew it would not be the same."""
+    """Return whether an expression binds a name or has an f-string. ``ast.unparse`` might change it."""
     return any(isinstance(each, ast.NamedExpr | ast.JoinedStr) for each in ast.walk(node))
 
 

@@ -1,4 +1,4 @@
-"""The table of mutations, as a page."""
+"""Write the table of mutations as a page."""
 
 from __future__ import annotations
 

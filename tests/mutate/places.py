@@ -1,4 +1,4 @@
-"""Where the safety code is, and which tests hold it, the quickest first."""
+"""List the places of the safety code, and the tests of each, the quickest first."""
 
 from __future__ import annotations
 
@@ -31,11 +31,11 @@ STOPS = (
     "_tell_stop",
     "_report",
 )
-"""Names of what a wire does to stop its robot, and to see that it has."""
+"""Names of the functions by which a wire stops its robot and confirms the stop."""
 
 
 class Place(NamedTuple):
-    """A file, and the functions of it that are mutated; empty: all."""
+    """A file, its tests, and the functions in it that are mutated; empty for all functions."""
 
     path: str
     tests: tuple[str, ...]
@@ -63,7 +63,7 @@ WIRES = {
     "xarm": ("stop_channel.py", "control.py"),
     "yahboom": ("stop.py",),
 }
-"""Files of each wire that stop its robot, beside ``wire.py``."""
+"""Files of each wire that stop its robot, apart from ``wire.py``."""
 
 
 def _wires() -> list[Place]:

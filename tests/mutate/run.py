@@ -24,11 +24,19 @@ from .places import PLACES, ROOT, Place, source_of
 REASONS = Path(__file__).with_name("reasons.toml")
 LEFT_OUT = shutil.ignore_patterns(".git", ".venv", ".*_cache", "build", "*.egg-info")
 LONGEST_S = 900.0
-"""For the tests of one place. A mutation by which they never end is noticed."""
+"""Time limit of one call of pytest. A mutation that keeps the tests from ending counts as noticed."""
 
 
 class Found(msgspec.Struct):
-    """What became of a mutation. ``by``: the first test that failed; empty: it survived."""
+    """The result of a mutation.
+
+    Attributes:
+        path: The mutated file.
+        key: The name of the mutation.
+        line: Its line.
+        by: The first test that failed; empty if the mutation survived.
+        took_s: How long the tests ran, in seconds.
+    """
 
     path: str
     key: str
@@ -38,14 +46,14 @@ class Found(msgspec.Struct):
 
 
 class Copy:
-    """A copy of the project, in which one file at a time is wrong."""
+    """A copy of the project, in which one file at a time is mutated."""
 
     def __init__(self, directory: Path) -> None:
         self.root = directory / "project"
         shutil.copytree(ROOT, self.root, symlinks=True, ignore=LEFT_OUT)
 
     def first_failure(self, place: Place, source: str) -> str:
-        """Return the first test that fails with this source in its place; empty: none does."""
+        """Return the first test that fails with this source; empty if all tests pass."""
         file = self.root / place.path
         before = file.read_text()
         file.write_text(source)
@@ -84,7 +92,7 @@ def known(resume: Path | None) -> dict[tuple[str, str], Found]:
 
 
 def reasons() -> dict[str, dict[str, str]]:
-    """Return why a survivor is none, by path and key."""
+    """Return the reasons by which survivors are excused, by path and key."""
     return tomllib.loads(REASONS.read_text()) if REASONS.exists() else {}
 
 
@@ -114,7 +122,7 @@ def main(arguments: list[str]) -> int:
     given = parser.parse_args(arguments)
     done = known(given.resume)
     queue: SimpleQueue[tuple[Place, Mutation]] = SimpleQueue()
-    told: SimpleQueue[Found | BaseException] = SimpleQueue()
+    results: SimpleQueue[Found | BaseException] = SimpleQueue()
     total = 0
     counts: dict[str, int] = {}
     for place, mutation in wanted(given.only):
@@ -122,11 +130,11 @@ def main(arguments: list[str]) -> int:
         if counts[place.path] % given.every == 0 and (place.path, mutation.key) not in done:
             queue.put((place, mutation))
             total += 1
-    workers = [threading.Thread(target=work, args=(queue, told), daemon=True) for _ in range(given.jobs)]
+    workers = [threading.Thread(target=work, args=(queue, results), daemon=True) for _ in range(given.jobs)]
     for worker in workers:
         worker.start()
     for _ in range(total):
-        each = told.get()
+        each = results.get()
         if isinstance(each, BaseException):
             raise each
         done[each.path, each.key] = each

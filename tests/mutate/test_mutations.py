@@ -1,4 +1,4 @@
-"""The mutations themselves."""
+"""Each kind of mutation makes its mistake, and the lists of places and tests are valid."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The plugin, imported as LeRobot imports it, beside a stand-in of LeRobot."""
+"""Import the plugin as LeRobot does, with a stand-in for LeRobot."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def plugin() -> Iterator[Any]:
 
 @pytest.fixture
 def make(plugin: Any) -> Iterator[Make]:
-    """Make a robot as LeRobot does, of its type and what the command line says; disconnected with
+    """Make a robot as LeRobot does, from its type and the options of a command line, and disconnect it after
     the test."""
     made: list[Any] = []
 

@@ -1,5 +1,5 @@
-"""Our robots as LeRobot's: what it is told before it connects, what it may do then, and what the
-wire shows of it."""
+"""LeRobot uses our robots: their features before connecting, their methods afterwards, and the frames on the
+wire."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ def test_lerobot_finds_it_by_the_name_of_its_distribution_and_each_class_by_its_
     with zipfile.ZipFile(build("wheel", PLUGIN, tmp_path)) as wheel:
         (metadata,) = (name for name in wheel.namelist() if name.endswith("/METADATA"))
         lines = wheel.read(metadata).decode().splitlines()
-    assert f"Name: {plugin.__name__}" in lines  # letter by letter: with hyphens it would not be found
+    assert f"Name: {plugin.__name__}" in lines  # LeRobot would not find a name with hyphens
     for name, one in plugin.robots_of_lerobot.items():
         assert one.__module__ == plugin.__name__ and getattr(plugin, name) is one
         assert name.endswith("Config") or plugin.robots_of_lerobot[f"{name}Config"] is one.config_class
@@ -132,7 +132,7 @@ def test_saf_014_a_loop_moves_the_twin_and_what_is_refused_is_never_on_the_wire(
     past = {**goal, "shoulder_pan.pos": 400.0}
     for _ in range(2):
         assert arm.send_action(past) == accepted  # the last that was accepted
-    assert arm.send_action(goal) == pytest.approx(goal)  # and they are counted in a row
+    assert arm.send_action(goal) == pytest.approx(goal)  # only refusals in a row are counted
     for _ in range(2):
         arm.send_action({"elbow.pos": 1.0})
     with pytest.raises(ConnectionError, match=r"3 actions in a row were refused, the last: .*400.* is past"):
@@ -140,7 +140,7 @@ def test_saf_014_a_loop_moves_the_twin_and_what_is_refused_is_never_on_the_wire(
     arm.disconnect()
     twin.log.no_setpoint_after_safe(begun_ns)
     same = {frame.data for frame in twin.log.host("setpoint") if frame.t_ns < begun_ns}
-    assert {frame.data for frame in twin.log.host("setpoint", begun_ns)} <= same  # the goal, given again
+    assert {frame.data for frame in twin.log.host("setpoint", begun_ns)} <= same  # the same goal, sent again
 
 
 def test_joints_that_are_only_read_are_observed_in_degrees_and_are_no_action(make: Make, tmp_path: Path) -> None:
@@ -207,7 +207,7 @@ def test_a_robot_that_cannot_be_connected_says_why_and_nothing_is_left(twin: Twi
     with pytest.raises(ConnectionError, match="no such camera"):
         arm.connect()
     assert not arm.is_connected and not arm.cameras["wrist"].is_connected
-    assert twin.log.host("enable") == []  # cameras first: nothing was energised for it
+    assert twin.log.host("enable") == []  # cameras are checked first, so no motor was energised
     arm = make("strands_so101", port=twin.port, cameras={"wrist": there})
     arm.connect()
     assert arm.get_observation()["wrist"] == "a picture"
@@ -223,7 +223,7 @@ def test_a_robot_of_another_host_is_stopped_and_goes_on_there(twin: Twin, make: 
     try:
         assert here.connect_eagerly() is None
         json_of(here.release())
-        os.environ["STRANDS_ACTORS_RUN"] = str(elsewhere)  # put back by the fixture of every test
+        os.environ["STRANDS_ACTORS_RUN"] = str(elsewhere)  # the fixture of every test restores it
         (tmp_path / "mesh.toml").write_text("insecure = true\n")
         there = make("strands_remote", robot="so101", at=at, name="lent", mesh=str(tmp_path / "mesh.toml"))
         assert list(there.action_features) == POSITIONS

@@ -1,4 +1,4 @@
-"""Recordings of simulations: they begin with their robot, and are replayed as any other."""
+"""Recordings of simulations begin with their robot, and are replayed like any other."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""An SO-101 twin on a real pty, and arms on it that are cleaned up whatever the test does."""
+"""Provide an SO-101 twin on a real pty, and arms on it that are always cleaned up."""
 
 from __future__ import annotations
 
@@ -18,15 +18,15 @@ NewArm = Callable[..., RealRobot]
 
 @pytest.fixture(scope="session")
 def twin_process(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Twin]:
-    """One for all tests: starting it takes longer than most of them. Where its joints are the tests
-    inherit."""
+    """Start one twin for all tests, because starting it takes longer than most of them. Its joints stay
+    where the last test left them."""
     with Twin("so101", tmp_path_factory.mktemp("twin")) as process:
         yield process
 
 
 @pytest.fixture
 def twin(twin_process: Twin) -> Iterator[Twin]:
-    """A healthy robot at rest, with an empty log."""
+    """Give a test a healthy robot at rest, with an empty log, and repair it afterwards."""
     os.truncate(twin_process.log.path, 0)
     yield twin_process
     twin_process.go_on()

@@ -1,4 +1,4 @@
-"""A policy that writes down what its process has been given, and then stays where it is."""
+"""A policy that writes to a file what its process can access, and then does not move."""
 
 from __future__ import annotations
 
@@ -35,11 +35,11 @@ def _target(fd: str) -> str:
     try:
         return os.readlink(f"/proc/self/fd/{fd}")
     except OSError:
-        return "closed"  # the one that listed them
+        return "closed"  # the descriptor of the listing itself
 
 
 def _dictionaries() -> list[str]:
-    """What stands in dictionaries that something here still holds, two levels deep."""
+    """Return the contents of all dictionaries in memory, two levels deep."""
     return [
         repr({key: value for key, value in thing.items() if isinstance(value, str | dict)})
         for thing in gc.get_objects()

@@ -1,4 +1,4 @@
-"""What the tests of an SO-101 read: the twin's wire log."""
+"""Read the wire log of an SO-101 twin in tests."""
 
 from __future__ import annotations
 
@@ -14,17 +14,17 @@ IDS = {"shoulder_pan": 1, "shoulder_lift": 2, "elbow_flex": 3, "wrist_flex": 4, 
 COUNTS_PER_DEGREE = 4095 / 360
 
 FEEDBACK = (8, 24)
-"""Sizes of the blocks that are read in turn, both with the position in them."""
+"""Sizes in bytes of the two blocks that are read in turn. Both contain the position."""
 FEEDBACK_END = p.TEMPERATURE.address + 1
 
 
 def far(arm: Any, joint: str = "shoulder_pan") -> float:
-    """A place far from where the joint is, on the other side of its middle."""
+    """Return a position of the joint on the other side of its middle."""
     return -40.0 if arm.get_observation()[joint] > 0 else 40.0
 
 
 def moves(arm: Any, joint: str = "shoulder_pan") -> None:
-    """Send the joint far away and wait until it is on its way."""
+    """Send the joint far away, and wait until it has moved by more than 5 degrees."""
     before = arm.get_observation()[joint]
     json_of(arm.send_action({joint: far(arm, joint)}))
     until(lambda: abs(arm.get_observation()[joint] - before) > 5.0, "it moves")
@@ -35,7 +35,7 @@ def at(arm: Any, joint: str, value: float, within: float = 2.0) -> None:
 
 
 def measured_before(log: WireLog, t_ns: int) -> dict[int, int]:
-    """What each servo said last of its position before then."""
+    """Return the last position that each servo reported before ``t_ns``, in counts."""
     positions: dict[int, int] = {}
     for entry in log.entries():
         frame = packet(entry)
@@ -49,16 +49,16 @@ def packet(entry: Entry) -> p.Packet | None:
 
 
 def goals(entry: Entry) -> dict[int, int]:
-    """The goal of each servo in a setpoint or a hold."""
+    """Return the goal of each servo in a setpoint or a hold, in counts."""
     frame = packet(entry)
     assert frame is not None
     assert frame.params[0] == p.GOAL_POSITION.address
     step, rows = frame.params[1] + 1, frame.params[2:]
-    return {rows[at]: p.GOAL_POSITION.decode(rows[at + 1 : at + 3]) for at in range(0, len(rows), step)}
+    return {rows[i]: p.GOAL_POSITION.decode(rows[i + 1 : i + 3]) for i in range(0, len(rows), step)}
 
 
 def limps(log: WireLog, since_ns: int = 0) -> list[Entry]:
-    """Frames that release every servo."""
+    """Return the frames that release every servo."""
     return [entry for entry in log.host("safe", since_ns) if entry.data == p.LIMP]
 
 
@@ -67,8 +67,11 @@ def holds(log: WireLog, since_ns: int = 0) -> list[Entry]:
 
 
 def armed_at(log: WireLog, since_ns: int = 0) -> dict[int, int]:
-    """The goal with which each servo was armed: of a frame of its own, where it had been measured
-    just before, and before its torque was turned on."""
+    """Return the goal with which each servo was armed.
+
+    Check that a separate frame wrote this goal before torque was switched on, and that it equals the
+    position which was measured just before.
+    """
     armed: dict[int, int] = {}
     for entry in log.entries(since_ns):
         if entry.sender == "host" and entry.kind == "enable":
@@ -81,7 +84,8 @@ def armed_at(log: WireLog, since_ns: int = 0) -> dict[int, int]:
 
 
 def register_now(log: WireLog, register: p.Register, since_ns: int = 0) -> dict[int, int]:
-    """By servo: what it last answered of a register, as the wire shows it. Late replies mislead."""
+    """Return the last value of a register that each servo reported on the wire. A late reply may be
+    counted for the wrong request."""
     asked, size, values = 0, 0, {}
     for entry in log.entries(since_ns):
         frame = packet(entry)
@@ -100,14 +104,14 @@ def torque_now(log: WireLog, since_ns: int = 0) -> dict[int, int]:
 
 
 def replies(log: WireLog, since_ns: int, until_ns: int) -> Counter[int]:
-    """How often each servo answered."""
+    """Count the replies of each servo."""
     return Counter(
         entry.data[2] for entry in log.entries(since_ns) if entry.sender == "robot" and entry.t_ns < until_ns
     )
 
 
 class Ahead:
-    """A policy that moves one joint by a degree a step."""
+    """A policy that moves one joint by one degree in each step."""
 
     def __init__(self) -> None:
         self.steps = 0

@@ -1,5 +1,5 @@
-"""A policy that speaks for others, over its link and on the mesh, with frames that the kernel would
-never send."""
+"""A policy that forges messages of other actors, over its link and on the mesh, with frames that the kernel
+would never send."""
 
 from __future__ import annotations
 
@@ -23,14 +23,17 @@ from strands_actors.supervisors.wire.messages import Write
 
 ROBOT = "so101"
 FAR = 90.0
-"""Degrees: where no sine of this policy goes."""
+"""Position in degrees that no sine of this policy reaches."""
 EVERY_S = 0.02
-"""Not so often that the policy itself would be late on a busy machine, and end."""
+"""Period of the attack. With a shorter one the policy itself would be late on a busy machine, and end."""
 
 
 class Hostile(Sine):
-    """A ``Sine`` whose process does as ``how`` says from its first step on, every ``EVERY_S``: it
-    is the ``gate``, it will ``resume``, ``write`` or ``stay``."""
+    """A ``Sine`` whose process attacks the tree every ``EVERY_S``, from its first step on.
+
+    ``how`` selects the attack: ``gate`` (pretend to be the gate), ``resume``, ``write`` (past the gate)
+    or ``stay`` (do not end).
+    """
 
     def __init__(self, axes: Sequence[str], how: str, holder: str = "", lease: int = 0) -> None:
         super().__init__(axes, amplitude=5.0, hz=0.5)
@@ -62,8 +65,8 @@ class Hostile(Sine):
         return [link for link in list(self._node._links) if isinstance(link, Link)]
 
     def _tell(self, to: str, message: Message, kind: int = TELL) -> None:
-        """Over its link, and on the mesh to whoever it is for and to the gate, which is let
-        through."""
+        """Send a forged frame over the link, and on the mesh to the receiver and to the gate, whose key is
+        allowed."""
         self._cid += 1
         mesh = self._node.mesh
         assert isinstance(mesh, ZenohMesh)
@@ -75,7 +78,8 @@ class Hostile(Sine):
                 mesh._session.put(key, data)
 
     def _be_the_gate(self) -> None:
-        """Announce it, answer whoever asks it, and answer what nobody has asked here."""
+        """Announce this process as the gate, answer each request to the gate, and send reports that were
+        not requested."""
         forged = StopReport(Reason.ESTOP, "limp", 99, True, ())
 
         def receive(data: bytes, way: Link, descriptors: tuple[int, ...] = ()) -> None:
@@ -96,7 +100,7 @@ class Hostile(Sine):
         self._tell(self._at.guardian, StateIs("disarmed", 99, "", "forged"))
 
     def _resume(self) -> None:
-        """Lift what stopped the robot, take the caller's lease by its name, and write with it."""
+        """Resume the robot, acquire the caller's lease under its name, and send setpoints with it."""
         self._tell(self._at.gate, Resume("an operator"), ASK)
         self._tell(self._at.gate, Acquire(self._holder), ASK)
         self._tell(self._at.gate, Beat(self._lease))
@@ -105,11 +109,11 @@ class Hostile(Sine):
             self._tell(self._at.gate, Setpoint(self._lease, epoch, deadline_ns, {"shoulder_pan": FAR}))
 
     def _stay(self) -> None:
-        """When it is asked to go."""
+        """Keep the process from ending when it is asked to end."""
         os._exit = lambda code: time.sleep(3600)  # type: ignore[assignment, return-value]
 
     def _write(self) -> None:
-        """Past the gate."""
+        """Send setpoints to the transport, past the gate."""
         deadline_ns = time.monotonic_ns() + 10**8
         for epoch in range(1, 12):
             self._tell(self._at.transport, Write(epoch, deadline_ns, (FAR,) * self._count))

@@ -1,4 +1,4 @@
-"""Models as users have them: an MJCF and a URDF, each with a mesh beside it."""
+"""Write models like those of users: an MJCF and a URDF, each with a mesh in a separate file."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ URDF = """<?xml version="1.0"?>
 
 
 def tetrahedron(path: Path, size: float) -> None:
-    """A binary STL."""
+    """Write a tetrahedron as a binary STL."""
     corners = [(0.0, 0.0, 0.0), (size, 0.0, 0.0), (0.0, size, 0.0), (0.0, 0.0, size)]
     faces = [(0, 2, 1), (0, 1, 3), (0, 3, 2), (1, 2, 3)]
     rows = b"".join(
@@ -67,7 +67,7 @@ def write_mjcf(folder: Path) -> Path:
 
 
 def write_urdf(folder: Path) -> Path:
-    """As a ROS package has it: the URDF in one folder, its meshes in another."""
+    """Write a ROS package, with the URDF in one folder and its meshes in another."""
     package = folder / "lifter_description"
     tetrahedron(package / "meshes" / "arm.stl", 0.2)
     (package / "urdf").mkdir()

@@ -1,4 +1,4 @@
-"""What runs beside a block, and a robot whose block is cancelled."""
+"""Tasks that run during a block, and a robot whose block is cancelled."""
 
 from __future__ import annotations
 

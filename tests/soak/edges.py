@@ -1,15 +1,15 @@
-"""A policy that drives every joint of an arm into its limits and back, as fast as the gate lets it."""
+"""A policy that moves joints of an arm to their limits and back, with the largest allowed steps."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
 STEPS = 20.0
-"""From one limit to the other."""
+"""Number of steps from one limit to the other."""
 
 
 class Edges:
-    """``low``, ``high``: of each axis; ``step``: what a setpoint may move it at most."""
+    """The policy. It is given the limits of each axis, and the largest step of a setpoint."""
 
     def __init__(
         self, axes: Sequence[str], low: Sequence[float], high: Sequence[float], step: Sequence[float]
@@ -19,7 +19,7 @@ class Edges:
         self._up = True
 
     def step(self, observation: Mapping[str, float]) -> list[dict[str, float]]:
-        """Return the next setpoint: a step towards the limit at which each joint is to stand."""
+        """Return the next setpoint: one step of each joint towards its current limit."""
         if not self._target:
             self._target = {axis: observation[axis] for axis in self._rows}
         limits = {axis: high if self._up else low for axis, (low, high, _) in self._rows.items()}

@@ -1,8 +1,8 @@
-"""What a process needs while it runs, and whether that grows.
+"""Measure the files, threads and memory of a process, and decide whether they grow.
 
-Memory is noisy: an allocator takes an arena of 256 kB at once, and gives some back. So the time is cut
-into ``PARTS``, each gives its smallest reading, and a line is fitted to these: what a process takes for
-a moment does not count, what it never gives back does.
+Memory is noisy: an allocator takes an arena of 256 kB at once, and gives some back. So the time is
+divided into ``PARTS``, and a line is fitted to the smallest reading of each part. Memory that a process
+takes only for a moment does not count, memory that it never gives back does.
 """
 
 from __future__ import annotations
@@ -16,11 +16,18 @@ PARTS = 10
 GROWTH_KB_H = 1024.0
 """By how much the memory of a process may grow in an hour."""
 ARENA_KB = 256.0
-"""By so much it may have grown in any time: over a quarter of an hour it is less than that rate."""
+"""Growth that is allowed in any time. In runs of more than a quarter of an hour the rate allows more."""
 
 
 class Sample(NamedTuple):
-    """``files``: open descriptors; ``memory_kb``: resident, of its own and not of a file."""
+    """One reading of a process.
+
+    Attributes:
+        t_s: The time.
+        files: Open descriptors.
+        threads: Threads.
+        memory_kb: Resident anonymous memory, without mapped files.
+    """
 
     t_s: float
     files: int
@@ -29,7 +36,7 @@ class Sample(NamedTuple):
 
 
 def sample(pid: int, t_s: float) -> Sample | None:
-    """Read it. None: the process has ended."""
+    """Return a reading of a process; None if it has ended."""
     try:
         status = dict(line.split(":", 1) for line in Path(f"/proc/{pid}/status").read_text().splitlines())
         files = len(os.listdir(f"/proc/{pid}/fd"))
@@ -39,7 +46,7 @@ def sample(pid: int, t_s: float) -> Sample | None:
 
 
 def descendants(pid: int) -> dict[int, str]:
-    """Return the processes that were started by ``pid``, and itself, each with its name."""
+    """Return the names of ``pid`` and all its descendants, by process id."""
     parents: dict[int, tuple[int, str]] = {}
     for entry in Path("/proc").iterdir():
         if entry.name.isdecimal():
@@ -56,7 +63,11 @@ def descendants(pid: int) -> dict[int, str]:
 
 
 def growth_of(samples: Sequence[Sample]) -> list[str]:
-    """Return what grew, for people; empty: nothing did. ``samples``: of one process, in order."""
+    """Return a text for each quantity that grew; empty if none did.
+
+    Args:
+        samples: Readings of one process, in order of time.
+    """
     found = []
     half = len(samples) // 2
     for name in ("files", "threads"):
@@ -73,15 +84,15 @@ def growth_of(samples: Sequence[Sample]) -> list[str]:
 
 
 def _least(samples: Sequence[Sample]) -> list[tuple[float, float]]:
-    """Return the smallest reading of each part, and when it was."""
+    """Return time and value of the smallest memory reading of each part."""
     size = max(1, len(samples) // PARTS)
-    parts = [samples[at : at + size] for at in range(0, len(samples), size)]
+    parts = [samples[index : index + size] for index in range(0, len(samples), size)]
     least = [min(part, key=lambda each: each.memory_kb) for part in parts]
     return [(each.t_s, float(each.memory_kb)) for each in least]
 
 
 def slope(points: Sequence[tuple[float, float]]) -> float:
-    """Return that of the line with the least squares."""
+    """Return the slope of the least-squares line."""
     middle_x = sum(x for x, _ in points) / len(points)
     middle_y = sum(y for _, y in points) / len(points)
     spread = sum((x - middle_x) ** 2 for x, _ in points)

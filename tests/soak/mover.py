@@ -1,7 +1,7 @@
-"""A program of a user that moves several robots for a long time. Arguments: seconds, then robots.
+"""Move several robots for a long time, as a user's program. Arguments: seconds, then names of robots.
 
-It starts a policy anew every 5 s, and stops and resumes the robot every 20 s. What each verb comes to
-is a line of JSON on its standard output.
+It restarts a policy every 5 s, and stops and resumes each robot every 20 s. The answer of each verb is
+one line of JSON on standard output.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ STOP_EVERY = 4
 POLICY = "tests.soak.edges:Edges"
 HZ = 25.0
 SHARE = 0.5
-"""Of what a joint can turn in one period."""
+"""Largest step, as a share of the distance that a joint can move in one period."""
 START_S = 60.0
 
 
@@ -57,14 +57,15 @@ def play(name: str, robot: Any, number: int) -> None:
     else:
         robot.stop_task()
     began = robot.start_task("to the limits", policy_provider=POLICY, control_frequency=HZ, **limits(robot))
-    if began["status"] != "success":  # it was stopped meanwhile: by its own fault, or by a busy machine
+    # The robot may have been stopped meanwhile, because of a fault or a busy machine.
+    if began["status"] != "success":
         tell(name, "resume", robot.resume(), began)
         began = robot.start_task("again", policy_provider=POLICY, control_frequency=HZ, **limits(robot))
     tell(name, "start_task", began)
 
 
 def limits(robot: Any) -> dict[str, Any]:
-    """Return the options of the policy: the first and the last joint, and where these end."""
+    """Return the options of the policy: first and last joint, with their limits and largest steps."""
     axes = (robot.driver.table[0], robot.driver.table[-1])
     return {
         "axes": [axis.key for axis in axes],

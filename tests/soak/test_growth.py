@@ -1,4 +1,4 @@
-"""The soak's own judgement of what grows."""
+"""The soak test finds files, threads and memory that grow, and ignores short peaks."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
-"""Three robots move for half an hour: nothing grows, and every resume works.
+"""Three robots move for half an hour. No process grows, and every resume works.
 
-``python -m tests soak`` runs this alone, ``python -m tests long`` beside others. ``SOAK_MINUTES`` says
-how long (30), ``SOAK_ROBOTS`` which robots, by name.
+``python -m tests soak`` runs only this test, ``python -m tests long`` runs it with others.
+``SOAK_MINUTES`` sets the duration (30), ``SOAK_ROBOTS`` the names of the robots.
 """
 
 from __future__ import annotations
@@ -22,12 +22,13 @@ from .growth import Sample, descendants, growth_of, sample
 MINUTES = float(os.environ.get("SOAK_MINUTES", "30"))
 ROBOTS = os.environ.get("SOAK_ROBOTS", "so101 xarm7 ur5e").split()
 SETTLES = 1 / 3
-"""Share of the time in which a process may still grow: caches fill, rings are touched once."""
+"""Share of the time, at the beginning, in which a process may grow: caches fill, and each page of a ring
+is touched for the first time."""
 SAMPLES = 90
-"""Of the whole time."""
+"""Number of readings in the whole time."""
 END_S = 60.0
 POLICY_S = 8.0
-"""A policy's process lives for 5 s."""
+"""A little more than the 5 s for which the process of a policy lives."""
 
 
 @pytest.mark.long
@@ -35,7 +36,8 @@ POLICY_S = 8.0
 def test_nothing_grows_and_every_resume_works(tmp_path: Path) -> None:
     out, errors = tmp_path / "verbs.jsonl", tmp_path / "errors.txt"
     seconds = MINUTES * 60
-    faulthandler.cancel_dump_traceback_later()  # pytest ends a test after 300 s; each wait below has an end
+    # Pytest would end this test after 300 s. Each wait below has a deadline.
+    faulthandler.cancel_dump_traceback_later()
     with out.open("w") as verbs, errors.open("w") as problems:
         mover = subprocess.Popen(
             [sys.executable, "-m", "tests.soak.mover", str(seconds), *ROBOTS],
@@ -67,8 +69,12 @@ def test_nothing_grows_and_every_resume_works(tmp_path: Path) -> None:
 
 
 def _watch(mover: subprocess.Popen[bytes], seconds: float) -> tuple[dict[int, list[Sample]], dict[int, str]]:
-    """Sample the program and all its processes until shortly before its end. Return those that lived
-    all the time since the growth counts, and their names."""
+    """Read the program and all its processes until shortly before its end.
+
+    Returns:
+        The readings of those processes that lived for the whole time in which growth counts, and the
+        names of all.
+    """
     began_s = time.monotonic()
     samples, names = defaultdict[int, list[Sample]](list), dict[int, str]()
     pause_s = max(0.5, seconds / SAMPLES)
@@ -89,7 +95,8 @@ def _watch(mover: subprocess.Popen[bytes], seconds: float) -> tuple[dict[int, li
 
 
 def _told(rows: list[Sample], begins_s: float) -> str:
-    """For people: at the beginning, when the growth begins to count, and at the end."""
+    """Return a line for people: the readings at the beginning, when growth begins to count, and at the
+    end."""
     counted = next((each for each in rows if each.t_s >= begins_s), rows[-1])
     return "  ".join(
         f"{each.t_s:6.0f} s: {each.files} files, {each.threads} threads, {each.memory_kb} kB"
@@ -98,7 +105,7 @@ def _told(rows: list[Sample], begins_s: float) -> str:
 
 
 def _until_ended(mover: subprocess.Popen[bytes]) -> dict[int, str]:
-    """Wait for the end of the program. Return the processes of it that outlive it."""
+    """Wait for the end of the program, and return those of its processes that outlive it."""
     known = descendants(mover.pid)
     mover.wait(timeout=END_S)
     deadline_s = time.monotonic() + END_S

@@ -25,7 +25,8 @@ class RobotConfig:
 
 
 class Robot(abc.ABC):
-    """LeRobot looks for its calibration when it makes a robot, and disconnects what is forgotten."""
+    """Like LeRobot's class, it looks for the calibration when it is made, and disconnects when it is
+    deleted."""
 
     config_class: type[RobotConfig]
     name: str
