@@ -23,9 +23,9 @@ HEADER = b"\xff\xff\xfd\x00"
 BROADCAST = 0xFE
 MAX_ID = 0xFC
 OVERHEAD = 11
-"""Bytes of a status that has no params."""
+"""Bytes of a status without params."""
 MAX_LENGTH = 1024
-"""A length beyond this is noise, not a frame to wait for: the whole control table fits."""
+"""The whole control table fits into this length. A longer one is noise, and the decoder does not wait for it."""
 
 PING = 0x01
 READ = 0x02
@@ -55,11 +55,11 @@ ERROR_NUMBERS = {
 }
 RESULT_FAIL, INSTRUCTION_ERROR, CRC_ERROR, RANGE_ERROR, LENGTH_ERROR, LIMIT_ERROR, ACCESS_ERROR = ERROR_NUMBERS
 ALERT = 0x80
-"""Bit of the error byte: register 70 is not zero. Not an error of the reply, which is whole."""
+"""Bit of the error byte: register 70 is not zero. The reply itself is valid."""
 
 
 def _crc_table() -> tuple[int, ...]:
-    """Polynomial 0x8005, most significant bit first."""
+    """Return the table of the CRC: polynomial 0x8005, most significant bit first."""
     table = []
     for byte in range(256):
         crc = byte << 8
@@ -73,15 +73,14 @@ _CRC = _crc_table()
 
 
 def crc16(data: bytes, crc: int = 0) -> int:
-    """CRC of ``data``; ``crc``: of what came before it."""
+    """Return the CRC of ``data``. ``crc`` is that of the bytes before it."""
     for byte in data:
         crc = (crc << 8 & 0xFFFF) ^ _CRC[crc >> 8 ^ byte]
     return crc
 
 
 class Packet(NamedTuple):
-    """One checked frame. ``code``: the instruction, or STATUS, which alone has an ``error``
-    byte."""
+    """One checked frame. ``code`` is the instruction, or STATUS. Only STATUS has an ``error`` byte."""
 
     id: int
     code: int
@@ -94,8 +93,7 @@ class Packet(NamedTuple):
 
     @property
     def failure(self) -> str:
-        """Return why the servo did not do what it was asked; empty when it did. The alert bit is no
-        failure."""
+        """Why the servo did not carry out the request; empty if it did. The alert bit is no failure."""
         number = self.error & ~ALERT
         return ERROR_NUMBERS.get(number, f"error {number}") if number else ""
 
@@ -121,7 +119,7 @@ def ping(servo_id: int) -> bytes:
 
 
 def reboot(servo_id: int) -> bytes:
-    """Drops the torque, and all of the RAM."""
+    """Return a frame that reboots the servo. It loses torque and RAM."""
     return frame(servo_id, REBOOT)
 
 
@@ -142,14 +140,20 @@ def sync_read(ids: Sequence[int], address: int, size: int) -> bytes:
 
 
 def fast_sync_read(ids: Sequence[int], address: int, size: int) -> bytes:
-    """As ``sync_read``, but all answer in one frame: see ``fast_status``."""
+    """Return a ``sync_read`` that all servos answer in one frame (``fast_status``)."""
     return frame(BROADCAST, FAST_SYNC_READ, _words(address, size) + bytes(ids))
 
 
 def fast_status(answers: Sequence[tuple[int, int, bytes]], sizes: Sequence[int]) -> bytes:
-    """Return the one frame that answers a fast read: (id, error, data) of each servo in turn, each
-    closed by the CRC of everything so far. Each is as long as was asked for, so nothing is stuffed
-    [assumed]. ``sizes``: of all that were asked; when fewer answer, the frame ends early."""
+    """Return the single frame that answers a fast read.
+
+    It has id, error and data of each servo in turn, each followed by the CRC of all bytes so far. Each has the
+    requested length, so nothing is stuffed [assumed].
+
+    Args:
+        answers: Id, error and data of the servos that answer.
+        sizes: Sizes for all requested servos. With fewer answers the frame ends early.
+    """
     data = HEADER + bytes((BROADCAST,)) + _words(1 + sum(4 + size for size in sizes)) + bytes((STATUS,))
     for servo_id, error, block in answers:
         data += bytes((error, servo_id)) + block
@@ -158,7 +162,7 @@ def fast_status(answers: Sequence[tuple[int, int, bytes]], sizes: Sequence[int])
 
 
 def fast_answers(packet: Packet, size: int) -> dict[int, Packet]:
-    """Return what each servo said in the answer to a fast sync read of ``size`` bytes, by id."""
+    """Return each servo's answer, by id, from the answer to a fast sync read of ``size`` bytes."""
     block = bytes((packet.error,)) + packet.params + b"\0\0"  # the last CRC closed the frame
     rows = [block[at : at + 4 + size] for at in range(0, len(block) - size - 3, 4 + size)]
     return {row[1]: Packet(row[1], STATUS, row[2 : 2 + size], row[0]) for row in rows}
@@ -170,15 +174,16 @@ def sync_write(register: Register, values: Mapping[int, int]) -> bytes:
 
 
 def goals(counts: Mapping[int, int]) -> bytes:
-    """One setpoint for all."""
+    """Return a frame with a setpoint for several servos."""
     return sync_write(GOAL_POSITION, counts)
 
 
 def hold(positions: Mapping[int, int]) -> bytes:
-    """Goals := the measured positions. Written as the block profile velocity + goal (112, eight
-    bytes, velocity 0: no profile, as after power on), where a setpoint writes the goal alone: so
-    the wire itself tells a hold from a setpoint, and a servo that was on its way is not eased to
-    its stop."""
+    """Return a frame that sets the goals to the measured positions.
+
+    It writes the block profile velocity + goal (112, eight bytes; velocity 0 means no profile, as after power on).
+    A setpoint writes only the goal. So the two differ on the wire, and a moving servo stops without a profile.
+    """
     rows = b"".join(
         bytes((servo_id,)) + bytes(PROFILE_VELOCITY.size) + GOAL_POSITION.encode(count)
         for servo_id, count in positions.items()
@@ -188,17 +193,17 @@ def hold(positions: Mapping[int, int]) -> bytes:
 
 
 LIMP = torque(BROADCAST, False)
-"""Torque off on every servo in one frame, without knowing who is there: the stop channel needs no
-more. A broadcast has no status: confirm by reading register 64."""
+"""Torque off on every servo in one frame, for any ids. The stop channel needs no other frame. A broadcast gets no
+status, so register 64 is read to confirm."""
 
 RESYNC = b"\0\0\0\0"
-"""In front of the first safe frame. After a torn header, or one with its id, our own FF FF would be
-taken for a length and 65 kB be waited for; a length of 0 is none, and the parser begins anew."""
+"""Bytes before the first safe frame. After a torn header, with or without its id, the servo would read our FF FF as
+a length and wait for 65 kB. A length of 0 is invalid, so its parser starts again."""
 
 
 class Decoder:
-    """Bytes in any pieces, checked packets out. Garbage is skipped and counted, a torn frame waits
-    for its rest."""
+    """Decode a stream of bytes into checked packets. Garbage is skipped and counted. An incomplete frame
+    waits for its remaining bytes."""
 
     def __init__(self) -> None:
         self._buffer = bytearray()
@@ -207,15 +212,17 @@ class Decoder:
 
     @property
     def pending(self) -> int:
-        """Return the bytes of a frame that has not ended yet."""
+        """The number of bytes of an incomplete frame."""
         return len(self._buffer)
 
     def clear(self) -> None:
         self._buffer.clear()
 
     def take_damaged(self) -> list[tuple[int, bytes]]:
-        """Frames with a wrong CRC since the last call, with their id: a servo says so to whoever
-        means it."""
+        """Return the frames with a wrong CRC since the last call, with their ids.
+
+        The addressed servo reports them.
+        """
         taken, self._damaged = self._damaged, []
         return taken
 
@@ -257,7 +264,7 @@ def _beginning(buffer: bytearray) -> int:
 
 def _packet(whole: bytes) -> Packet:
     servo_id, code, body = whole[4], whole[7], whole[8:-2]
-    if code == STATUS and servo_id == BROADCAST:  # of a fast read: nothing in it is stuffed
+    if code == STATUS and servo_id == BROADCAST:  # The answer to a fast read is not stuffed.
         return Packet(servo_id, code, body[1:], body[0] if body else 0)
     body = body.replace(b"\xff\xff\xfd\xfd", b"\xff\xff\xfd")
     if code == STATUS:
@@ -266,15 +273,14 @@ def _packet(whole: bytes) -> Packet:
 
 
 def rows_of(packet: Packet) -> tuple[int, dict[int, bytes]]:
-    """Of a sync write: the first address, and the bytes for each servo."""
+    """Return the first address of a sync write, and the bytes for each servo."""
     address, size = (int.from_bytes(packet.params[at : at + 2], "little") for at in (0, 2))
     rows = packet.params[4:]
     return address, {rows[i]: rows[i + 1 : i + 1 + size] for i in range(0, len(rows) - size, size + 1)}
 
 
 def classify(packet: Packet) -> str:
-    """Return what a request means for the wire log: setpoint, safe, enable, read, config or
-    other."""
+    """Return the kind of a request for the wire log: setpoint, safe, enable, read, config or other."""
     if packet.code in (PING, READ, SYNC_READ, FAST_SYNC_READ, BULK_READ, FAST_BULK_READ):
         return "read"
     if packet.code in (WRITE, REG_WRITE) and len(packet.params) > 2:
@@ -298,8 +304,7 @@ def _classify_write(address: int, rows: Sequence[bytes]) -> str:
 
 
 def safe_state(packet: Packet, ids: Collection[int]) -> str:
-    """Return the safe state that a request by itself brings all of ``ids`` to: limp, hold, or
-    none."""
+    """Return the safe state that this request alone brings all of ``ids`` to: ``limp``, ``hold`` or empty."""
     if packet.code not in (WRITE, SYNC_WRITE) or classify(packet) != "safe":
         return ""
     if packet.code == WRITE:

@@ -22,16 +22,16 @@ VELOCITY_UNITS = 60 / math.tau / 0.229
 PWM_MAX = 885
 GAIN_MAX = 16_383
 TOP_RAD_S = 6.0
-"""Without load, at full power [assumed]."""
+"""Speed without load at full power [assumed]."""
 
 OVERLOAD_LOAD = 0.9
 OVERLOAD_S = 1.0
-"""A push this hard, of what it can, for this long is an overload [assumed]."""
+"""An effort of this share of the maximum for this time is an overload [assumed]."""
 
 INVERTED = 0x01
-"""Bit of DRIVE_MODE: it counts the other way round."""
+"""Bit of DRIVE_MODE: the count falls when the joint turns in the positive direction."""
 TIMED_PROFILE = 0x04
-"""Bit of DRIVE_MODE: the profile velocity is how long a move takes, in ms."""
+"""Bit of DRIVE_MODE: the profile velocity is the duration of a move, in ms."""
 
 IN_POSITION, PROFILE_ONGOING, FOLLOWING_ERROR, RECTANGULAR_PROFILE = 0x01, 0x02, 0x08, 0x10
 """Bits of MOVING_STATUS."""
@@ -39,10 +39,10 @@ IN_POSITION_COUNTS = 20
 """[assumed]"""
 
 CLEAR_TURNS = b"\x01\x44\x58\x4c\x22"
-"""What a CLEAR has to say."""
+"""The required parameters of CLEAR."""
 
 ALL, ALL_BUT_ID, ALL_BUT_ID_AND_RATE = 0xFF, 0x01, 0x02
-"""What a factory reset resets."""
+"""Options of a factory reset: the registers that it resets."""
 FACTORY_BAUD = 57_600
 
 
@@ -51,16 +51,16 @@ WITHOUT_CURRENT = frozenset((t.VELOCITY_MODE, t.POSITION_MODE, t.EXTENDED_POSITI
 
 
 class Kind(NamedTuple):
-    """What differs between models: values at delivery, by the vendor's control tables."""
+    """The differences between models: values at delivery, from the vendor's control tables."""
 
     max_temperature_c: int
     min_voltage: int  # 0.1 V
     max_voltage: int
     velocity_limit: int
-    current_limit: int  # mA; 0: it has no current sensor, and reports its load
+    current_limit: int  # mA. 0: without a current sensor; it reports its load.
     shutdown: int
     stall_current: int  # mA at the stall torque
-    velocity_max: int  # that may be set as the limit
+    velocity_max: int  # The highest permitted velocity limit.
     gains: tuple[int, int, int, int]  # velocity I and P, position D and P
     modes: frozenset[int]
     indirect: tuple[t.IndirectBlock, ...]
@@ -78,7 +78,7 @@ KINDS = {
     "XL330-M288": XL330,
     "XL330-M077": XL330._replace(velocity_limit=1620),
 }
-"""Others are taken for an XL430 [assumed]."""
+"""Other models count as an XL430 [assumed]."""
 
 RANGES: dict[t.Register, tuple[int, int]] = {
     t.ID: (0, p.MAX_ID),
@@ -104,21 +104,21 @@ RANGES: dict[t.Register, tuple[int, int]] = {
     t.PROFILE_VELOCITY: (0, 32_767),
     t.BUS_WATCHDOG: (t.WATCHDOG_OFF, 127),
 }
-"""What a register takes; anything else is a data range error."""
+"""The accepted range of a register. Any other value is a data range error."""
 
 GOALS = (t.GOAL_PWM, t.GOAL_CURRENT, t.GOAL_VELOCITY, t.GOAL_POSITION)
 """Read-only while the bus watchdog has tripped."""
 
 LIMITS = {t.GOAL_PWM: t.PWM_LIMIT, t.GOAL_CURRENT: t.CURRENT_LIMIT, t.GOAL_VELOCITY: t.VELOCITY_LIMIT}
-"""Which register says how far each goal may go, to either side."""
+"""The register with the limit of each goal, for both directions."""
 
 WORDS = (*RANGES, *GOALS, t.MODE, t.CURRENT_LIMIT, t.VELOCITY_LIMIT)
-"""Registers that are written whole or not at all."""
+"""Registers that must be written with all their bytes."""
 
 
 def factory_table(servo_id: int, model: int, mode: int) -> bytearray:
-    """Values at delivery, the rest zero; the id, the rate of 1 Mbaud and the mode as whoever built
-    the arm set them."""
+    """Return the table with the values at delivery, and zeros elsewhere. Id, rate (1 Mbaud) and mode are those of
+    an assembled arm."""
     kind = KINDS.get(t.MODEL_NUMBERS.get(model, ""), XL430)
     table = bytearray(t.TABLE_SIZE)
     for register, value in {
@@ -147,11 +147,12 @@ def factory_table(servo_id: int, model: int, mode: int) -> bytearray:
 
 
 class Servo(TwinServo):
-    """All modes that its model has. Of profiles the velocity counts, the acceleration does not."""
+    """A servo with all modes of its model. It follows the velocity of a profile and ignores its acceleration."""
 
     def __init__(self, plant: Plant, joint: int, servo_id: int, model: int, mode: int, voltage_v: float) -> None:
         self.zero_count = float(ZERO_COUNT)
-        self.counts_per_rad = COUNTS_PER_RAD  # of the joint: negative, or times the ratio of a gear
+        # For the joint, so it can be negative, or include the ratio of a gear.
+        self.counts_per_rad = COUNTS_PER_RAD
         super().__init__(plant, joint, factory_table(servo_id, model, mode), voltage_v, ROOM_TEMPERATURE_C)
         self._kind = KINDS.get(t.MODEL_NUMBERS.get(model, ""), XL430)
         self._eeprom = bytearray(self.factory[: t.EEPROM_END])
@@ -183,8 +184,8 @@ class Servo(TwinServo):
         return p.ALERT if self.table[t.HARDWARE_ERROR.address] else 0
 
     def power_cycle(self) -> None:
-        """EEPROM as it was written, RAM as at delivery, torque off, the goal where the joint is
-        [assumed]."""
+        """Keep the EEPROM, reset the RAM to the values at delivery, switch the torque off, and set the goal to the
+        joint's position [assumed]."""
         self.table[:] = self.factory
         self.table[: t.EEPROM_END] = self._eeprom
         self._indirect = Indirect(self._kind.indirect)
@@ -196,7 +197,8 @@ class Servo(TwinServo):
         self._apply()
 
     def reset(self, option: int) -> int:
-        """Error number. As at delivery: ``ALL``, or without the id, or without id and rate."""
+        """Restore the values at delivery: ``ALL``, or all but the id, or all but id and rate. Return the error
+        number."""
         kept = {ALL: (), ALL_BUT_ID: (t.ID,), ALL_BUT_ID_AND_RATE: (t.ID, t.BAUD)}.get(option)
         if kept is None:
             return p.RANGE_ERROR
@@ -209,7 +211,7 @@ class Servo(TwinServo):
         return 0
 
     def clear_turns(self, params: bytes) -> int:
-        """Error number. Whole turns are forgotten; not while it moves."""
+        """Clear the count of whole turns, unless the joint moves. Return the error number."""
         if params != CLEAR_TURNS:
             return p.RANGE_ERROR
         if abs(self.reading.rad_s) > MOVING_RAD_S:
@@ -221,7 +223,7 @@ class Servo(TwinServo):
         return 0
 
     def read(self, address: int, size: int) -> tuple[int, bytes]:
-        """Error number, data."""
+        """Return the error number and the data."""
         if address + size > t.TABLE_SIZE:
             runs = self._indirect.runs(address, size)
             if runs is None:
@@ -233,7 +235,7 @@ class Servo(TwinServo):
         return 0, bytes(self.table[address : address + size])
 
     def write(self, address: int, data: bytes) -> int:
-        """Error number. What is refused changes nothing."""
+        """Write data and return the error number. A refused write changes nothing."""
         runs = [Run(Where.TABLE, address, len(data))]
         if address + len(data) > t.TABLE_SIZE:
             found = self._indirect.runs(address, len(data))
@@ -267,8 +269,8 @@ class Servo(TwinServo):
         self._eeprom[:] = self.table[: t.EEPROM_END]
 
     def _begin_mode(self) -> None:
-        """Goals are as at delivery: limits of a move in the modes of positions, nothing in the one
-        that they drive [assumed]."""
+        """Set the goals to the values at delivery: the limits, and 0 for the goal that drives the mode
+        [assumed]."""
         mode = self.get(t.MODE)
         driven = {t.PWM_MODE: t.GOAL_PWM, t.CURRENT_MODE: t.GOAL_CURRENT, t.VELOCITY_MODE: t.GOAL_VELOCITY}.get(
             mode
@@ -301,7 +303,7 @@ class Servo(TwinServo):
         ):
             return p.RANGE_ERROR
         if register is t.TORQUE_ENABLE and value and self.alert:
-            return p.ACCESS_ERROR  # until a reboot
+            return p.ACCESS_ERROR  # Until a reboot.
         if register is t.MODE:
             return 0 if value in self._kind.modes else p.RANGE_ERROR
         if register is t.VELOCITY_LIMIT or register is t.CURRENT_LIMIT:
@@ -315,41 +317,40 @@ class Servo(TwinServo):
         return 0
 
     def keep(self, params: bytes) -> None:
-        """REG_WRITE: address and data wait for the word."""
+        """Keep address and data of a REG_WRITE until ACTION."""
         self._waiting = params
         self.put(t.REGISTERED, 1)
 
     def act(self) -> int:
-        """ACTION: the word."""
+        """Carry out ACTION: write the kept data."""
         if not self._waiting:
             return p.INSTRUCTION_ERROR
         params, self._waiting = self._waiting, b""
         self.put(t.REGISTERED, 0)
         return self.write(int.from_bytes(params[:2], "little"), params[2:])
 
-    # -- what the firmware does by itself
+    # -- the firmware alone
 
     def hear(self, now_s: float) -> None:
-        """An instruction packet for this servo: it feeds the bus watchdog, whatever it says."""
+        """Note an instruction packet for this servo. Every packet feeds the bus watchdog."""
         self._heard_s = now_s
         self.put(t.REALTIME_TICK, int(now_s * 1000) % 32_768)
 
     @property
     def trips_at_s(self) -> float:
-        """When the bus watchdog will trip if nothing is heard; never, when it is off or the torque
-        is."""
+        """The time of the bus watchdog's trip without a packet. Infinite if watchdog or torque is off."""
         counts = self.get(t.BUS_WATCHDOG)
         if counts <= t.WATCHDOG_OFF or not self.energised:
             return math.inf
         return self._heard_s + counts * t.WATCHDOG_COUNT_S
 
     def trip(self) -> None:
-        """Stop where the joint is, with torque on [assumed: as a hold]."""
+        """Stop at the joint's position, with torque on [assumed: like a hold]."""
         self.put(t.BUS_WATCHDOG, t.WATCHDOG_TRIPPED)
         self.lead(self.reading.rad)
 
     def protect(self, now_s: float) -> None:
-        """Note hardware errors, which stay until a reboot; let go for those that SHUTDOWN names."""
+        """Note hardware errors, which stay until a reboot. Switch the torque off for those in SHUTDOWN."""
         table = self.table
         found = table[t.HARDWARE_ERROR.address]
         if not self.get(t.MIN_VOLTAGE) <= round(self.voltage_v * 10) <= self.get(t.MAX_VOLTAGE):
@@ -399,14 +400,14 @@ class Servo(TwinServo):
 
     @property
     def _rad_s_a_unit(self) -> float:
-        """Of the joint, for one count of a velocity register."""
+        """The joint's speed for one count of a velocity register."""
         return self._sign / VELOCITY_UNITS * COUNTS_PER_RAD / self.counts_per_rad
 
     def _count_of(self, rad: float) -> float:
         return self.zero_count + self._sign * rad * self.counts_per_rad
 
     def _count(self) -> int:
-        """Of the encoder, with its turns."""
+        """Return the encoder's count, including whole turns."""
         return round(self._count_of(self.reading.rad))
 
     def _moving_status(self, count: int) -> int:
@@ -420,7 +421,7 @@ class Servo(TwinServo):
         )
 
     def _apply(self) -> None:
-        """Make the joint do what the table says."""
+        """Apply the table to the joint."""
         on = self.energised
         if not on or not self.plant.torque(self.joint):
             self.stand()
@@ -429,7 +430,7 @@ class Servo(TwinServo):
         self.plant.set_torque(self.joint, on)
 
     def _drive(self, mode: int) -> float:
-        """Aim as the goals of a mode say. Return the share of the effort that it may use."""
+        """Set the joint's target from the goals of the mode. Return the permitted share of the effort."""
         power, stall = self.get(t.GOAL_PWM) / PWM_MAX, self._kind.stall_current
         current = self.get(t.GOAL_CURRENT) / stall if stall else 1.0
         direction = math.copysign(1.0, self._rad_s_a_unit)
@@ -448,10 +449,10 @@ class Servo(TwinServo):
         return min(abs(power), abs(current)) if mode == t.CURRENT_POSITION_MODE else abs(power)
 
     def _profile_rad_s(self, goal_rad: float) -> float:
-        """Return how fast to go there; 0: as fast as it can."""
+        """Return the speed of the move; 0 means full speed."""
         profile = self.get(t.PROFILE_VELOCITY)
         if not profile or not self.table[t.DRIVE_MODE.address] & TIMED_PROFILE:
             return profile * abs(self._rad_s_a_unit)
         if self.rate_rad_s and goal_rad == self.aimed_rad:
-            return self.rate_rad_s  # still the same move
+            return self.rate_rad_s  # The same move goes on.
         return abs(goal_rad - self.reading.rad) / (profile / 1000)

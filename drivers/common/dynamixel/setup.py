@@ -20,10 +20,10 @@ class DynamixelSetup(Setup[p.Packet]):
     _model = (t.MODEL.address, t.MODEL.size)
 
     async def unlock(self, axis: Axis) -> None:
-        """Nothing to do: it is unlocked whenever there is no torque."""
+        """Do nothing: a servo without torque is unlocked."""
 
     async def lock(self, axis: Axis) -> None:
-        """Nothing to do."""
+        """Do nothing."""
 
     async def read_calibration(self, axis: Axis) -> MotorCalibration:
         eeprom = await block(self.bus, p, axis, 0, t.EEPROM_END)
@@ -46,7 +46,7 @@ class DynamixelSetup(Setup[p.Packet]):
             await self._write(axis.id, axis, register, value)
 
     def offset_to_middle(self, position: int) -> int:
-        """The servo adds its offset to what it measures."""
+        """Return the offset for this position. The servo adds its offset to the measured position."""
         return HALF_TURN - position
 
     async def give(self, servo: int, axis: Axis, baud: int) -> None:

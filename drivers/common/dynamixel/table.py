@@ -41,7 +41,7 @@ MOVING_THRESHOLD = Register(24, 4)  # 0.229 rpm
 MAX_TEMPERATURE = Register(31)  # deg C
 MAX_VOLTAGE = Register(32, 2)  # 0.1 V
 MIN_VOLTAGE = Register(34, 2)
-PWM_LIMIT = Register(36, 2)  # 885: all of it
+PWM_LIMIT = Register(36, 2)  # 885 is full power
 CURRENT_LIMIT = Register(38, 2)
 VELOCITY_LIMIT = Register(44, 4)
 MAX_POSITION = Register(48, 4)
@@ -61,7 +61,7 @@ GOAL_PWM = Register(100, 2, True)
 GOAL_CURRENT = Register(102, 2, True)
 GOAL_VELOCITY = Register(104, 4, True)
 PROFILE_ACCELERATION = Register(108, 4)
-PROFILE_VELOCITY = Register(112, 4)  # 0: none, as fast as it can
+PROFILE_VELOCITY = Register(112, 4)  # 0 means full speed
 GOAL_POSITION = Register(116, 4, True)
 # read only
 REALTIME_TICK = Register(120, 2)  # ms, up to 32767

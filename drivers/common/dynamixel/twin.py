@@ -72,7 +72,7 @@ class DynamixelBus(ServoBus[Servo, p.Packet]):
 
 
 class Asked(NamedTuple):
-    """What is asked of one servo: ``size`` bytes from ``address``, or ``data`` written there."""
+    """A request to one servo: read ``size`` bytes at ``address``, or write ``data`` there."""
 
     servo: Servo
     address: int
@@ -148,9 +148,10 @@ def _fast_read(rows: Sequence[tuple[int, int]], asked: Sequence[Asked]) -> list[
 
 
 def _answer(servo: Servo, packet: p.Packet) -> Reply | None:
-    """Do what a request to one servo, or to all, says. None: it wants no answer."""
+    """Carry out a request to one servo or to all. Return None if it gets no answer."""
     params = packet.params
-    said = _status(servo, kind=p.classify(packet))  # with the id and the delay it had when it was asked
+    # The reply has the id and the delay from before the request.
+    said = _status(servo, kind=p.classify(packet))
     error = 0
     match packet.code:
         case p.PING:

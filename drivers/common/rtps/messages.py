@@ -1,8 +1,7 @@
-"""RTPS messages to values and back (8.3, 9.4). Pure.
+"""Convert RTPS messages to values and back (8.3, 9.4). Pure.
 
-A datagram is taken whole or not at all: one malformed submessage and nothing of it counts. What is
-addressed to another participant, said in the name of another, or of a kind we have no use for, is
-left out.
+One malformed submessage makes the whole datagram invalid. Submessages for another participant, in the name of
+another sender, or of an unused kind are left out.
 """
 
 from __future__ import annotations
@@ -17,7 +16,7 @@ from .wire_types import BIG, LITTLE, PREFIX_SIZE, UNKNOWN, VENDOR, Address, Buff
 
 HEADER_SIZE = 20
 MAX_BITS = 256
-"""Of a set of sequence numbers."""
+"""Largest set of sequence numbers."""
 MAX_FRAGMENTS = 65536
 
 _MAGIC = b"RTPS"
@@ -44,15 +43,15 @@ _FINAL = 0x02
 _DISPOSED_OR_UNREGISTERED = 0x03
 
 Send = Callable[[Sequence[Buffer], Address], bool]
-"""Hands one datagram, given in parts, to the network. False: it was not taken."""
+"""Sends one datagram, given in parts. Returns False if the network did not take it."""
 
 
 class Data(NamedTuple):
-    reader: bytes  # entity id; UNKNOWN: every reader that hears the writer
+    reader: bytes  # Entity id. UNKNOWN means every reader of the writer.
     writer: bytes  # GUID
     sequence: int
-    payload: memoryview  # with its encapsulation header; of the datagram, so copy what is kept
-    disposed: bool  # the payload, if any, is the key of what ended
+    payload: memoryview  # With its encapsulation header. A view of the datagram: copy it to keep it.
+    disposed: bool  # The payload, if any, is the key of the instance that ended.
     key: bytes  # key hash, or empty
 
 
@@ -82,7 +81,7 @@ class AckNack(NamedTuple):
     writer: bytes  # entity id
     base: int  # all below has arrived
     missing: tuple[int, ...]
-    serial: int | None  # None: this kind of message has none
+    serial: int | None  # None if this kind of message has no serial.
     final: bool
 
 
@@ -105,7 +104,7 @@ MOST_SUBMESSAGES = 512
 
 
 def decode(datagram: memoryview, own: bytes) -> list[Submessage]:
-    """Return what a datagram says to the participant with the prefix ``own``. Raise
+    """Return the submessages of a datagram for the participant with the prefix ``own``. Raise
     ``MalformedFrame``."""
     size = len(datagram)
     if size < HEADER_SIZE or datagram[:4] != _MAGIC:
@@ -135,7 +134,7 @@ def decode(datagram: memoryview, own: bytes) -> list[Submessage]:
             destination = bytes(_need(body, PREFIX_SIZE)[:PREFIX_SIZE])
             mine = named and destination in (own, bytes(PREFIX_SIZE))
         elif kind == _INFO_SRC:
-            # Who passes on what another says would speak in a name that is not its address's.
+            # A forwarded message has a sender's name that does not belong to its address.
             named = named and bytes(_need(body, 20)[8:20]) == source
             mine = mine and named
         elif decoder := _DECODERS.get(kind):
@@ -159,7 +158,7 @@ def _sequence(high: int, low: int, least: int = 1) -> int:
 
 
 def _numbers(body: memoryview, at: int, order: Order, base: int, bits: int) -> tuple[int, ...]:
-    """Return the members of a set whose bitmap starts at ``at``."""
+    """Return the members of the set with the bitmap at ``at``."""
     if bits > MAX_BITS:
         raise MalformedFrame(f"a set of {bits} numbers")
     words = (bits + 31) // 32
@@ -174,8 +173,12 @@ def _numbers(body: memoryview, at: int, order: Order, base: int, bits: int) -> t
 
 
 def _content(body: memoryview, flags: int, order: Order, skip: int, least: int) -> tuple[memoryview, bool, bytes]:
-    """Return what follows the fixed part of a sample: its bytes, whether its status says disposed,
-    its key hash. ``skip`` counts from behind itself; ``least`` is where the fixed part ends."""
+    """Return the parts of a sample after its fixed part: payload, disposed flag, key hash.
+
+    Args:
+        skip: Offset of these parts, counted from the end of the field ``skip``.
+        least: The end of the fixed part.
+    """
     at = 4 + skip
     if at < least or at > len(body):
         raise MalformedFrame("inline QoS out of place")
@@ -267,10 +270,10 @@ _DECODERS: dict[int, Callable[[memoryview, int, Order, bytes], Submessage]] = {
 # -- encoding, always little endian
 
 FRAGMENT_SIZE = 14_000
-"""Longer samples are sent in fragments of this size, each in a datagram of its own."""
+"""Longer samples are sent in fragments of this size, one in each datagram."""
 
 PADDING = (b"", b"\x00\x00\x00", b"\x00\x00", b"\x00")
-"""By length modulo 4: the next submessage starts on a multiple of 4."""
+"""Padding by length modulo 4, because the next submessage starts at a multiple of 4."""
 
 _DATA_SKIP = 16
 _FRAGMENT_SKIP = 28
@@ -298,7 +301,7 @@ def data(reader: bytes, writer: bytes, sequence: int, payload: bytes) -> bytes:
 
 
 def disposal(reader: bytes, writer: bytes, sequence: int, key: bytes, payload: bytes) -> bytes:
-    """``payload`` names what has ended; ``key`` is its GUID."""
+    """Return the submessage that an instance has ended. ``payload`` names it; ``key`` is its GUID."""
     fixed = LITTLE.data.pack(0, _DATA_SKIP, reader, writer, *_split(sequence))
     status = parameters.encoded(parameters.STATUS, bytes((0, 0, 0, _DISPOSED_OR_UNREGISTERED)))
     qos = parameters.encoded_list(parameters.encoded(parameters.KEY_HASH, key), status)

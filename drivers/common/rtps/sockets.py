@@ -1,5 +1,5 @@
-"""The sockets of a participant: opened whole or not at all, none blocking, with the kernel's time
-on arrivals."""
+"""The sockets of a participant. They do not block, and the kernel stamps each arrival. All of them open, or none
+does."""
 
 from __future__ import annotations
 
@@ -16,16 +16,15 @@ from . import wire_types
 
 _RECEIVE_BYTES = 1 << 20
 
-# Linux tells when the kernel received a datagram: one that waited while we were busy has its true
-# age.
+# Linux reports when the kernel received a datagram, so one that waited in the socket has its true age.
 _TIMESTAMPS = 35 if sys.platform.startswith("linux") else None  # SO_TIMESTAMPNS
 _TIMESPEC = struct.Struct("@qq")
 ANCILLARY = socket.CMSG_SPACE(_TIMESPEC.size)
-"""Room for the time that comes with a datagram."""
+"""Room for the time stamp of a datagram."""
 
 
 def is_host(text: str) -> bool:
-    """Return an IPv4 address of one host, in its usual form."""
+    """Return whether the text is the IPv4 address of one host, in its usual form."""
     try:
         return socket.inet_ntoa(socket.inet_pton(socket.AF_INET, text)) == text != "0.0.0.0"
     except (OSError, ValueError):
@@ -33,9 +32,11 @@ def is_host(text: str) -> bool:
 
 
 def age_ns(timespec: bytes, longest_ns: int) -> int:
-    """Return how long ago the kernel took a datagram in, which was not there ``longest_ns`` ago.
-    The kernel tells it by the wall's clock: when that has been set meanwhile, the datagram is taken
-    for as old as it can be."""
+    """Return the age of a datagram that came less than ``longest_ns`` ago.
+
+    The kernel's stamp is wall-clock time. If that clock was set meanwhile, the datagram counts as
+    ``longest_ns`` old.
+    """
     if len(timespec) != _TIMESPEC.size:
         return 0
     seconds: int
