@@ -72,7 +72,7 @@ class BoosterDriver(Driver):
     TWIN: ClassVar[str] = "strands_actors.drivers.booster.twin:main"
     OPTIONS: ClassVar[Mapping[str, str]] = meanings(BoosterOptions)
     ROLLOUTS: ClassVar[str] = (
-        "a T1 runs no policies: it is moved by send_action(), up to 100 times a second, after enable_upper_body()"
+        "a T1 runs no policies. Move it by send_action(), up to 100 times a second, after enable_upper_body()"
     )
     SENSORS: ClassVar[tuple[Sensor, ...]] = (
         Sensor("imu", {"rpy": "rpy_rad", "gyro": "gyro_rad_s", "accel": "acceleration_m_s2"}),

@@ -54,7 +54,7 @@ class Crazyflie(Driver):
     TWIN: ClassVar[str] = "strands_actors.drivers.crazyflie.twin:main"
     OPTIONS: ClassVar[Mapping[str, str]] = meanings(CrazyflieOptions)
     ROLLOUTS: ClassVar[str] = (
-        "a Crazyflie runs no policies: it is flown by send_action(), each command for 0.3 s, after takeoff()"
+        "a Crazyflie runs no policies. Fly it by send_action(), each command for 0.3 s, after takeoff()"
     )
     SENSORS: ClassVar[tuple[Sensor, ...]] = (
         pose("xyz_m", rpy="rpy_rad", frame="map"),

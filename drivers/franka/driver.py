@@ -48,7 +48,7 @@ class Franka(Driver):
     OPTIONS: ClassVar[Mapping[str, str]] = meanings(Options)
     WHOLE_ACTIONS: ClassVar[bool] = True
     ROLLOUTS: ClassVar[str] = (
-        "a Franka arm is moved by send_action: each target is a motion of its own, planned from where the arm is"
+        "a Franka arm is moved by send_action: each target is a separate motion, planned from the arm's position"
     )
     SERVICES: ClassVar[Mapping[str, Service]] = {
         "recover": Service("let the controller clear a reflex, so that the arm may be armed again", within_s=5.0)

@@ -55,7 +55,7 @@ class Microduck(Driver):
     STOP_CHANNEL: ClassVar[str] = "strands_actors.drivers.microduck.stop:MicroduckStopChannel"
     TWIN: ClassVar[str] = "strands_actors.drivers.microduck.twin:main"
     OPTIONS: ClassVar[Mapping[str, str]] = meanings(MicroduckOptions)
-    ROLLOUTS: ClassVar[str] = f"it walks by its own policy, and robotd takes no joint targets. Use {INTENTS}"
+    ROLLOUTS: ClassVar[str] = f"it walks with its onboard policy, and robotd takes no joint targets. Use {INTENTS}"
     SENSORS: ClassVar[tuple[Sensor, ...]] = (
         Sensor(
             "odom",

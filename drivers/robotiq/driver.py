@@ -81,7 +81,7 @@ class Robotiq(Driver):
         STOP,
     )
     ANSWERS_WITH: ClassVar[tuple[str, ...]] = ("contact",)
-    ROLLOUTS: ClassVar[str] = "a gripper is one dimension of its arm's action and runs no policy of its own"
+    ROLLOUTS: ClassVar[str] = "a gripper is one dimension of its arm's action and runs no separate policy"
     OPTIONS: ClassVar[Mapping[str, str]] = meanings(RobotiqOptions)
     SPELLINGS: ClassVar[Mapping[str, str]] = {"baud_rate": "baud"}
 

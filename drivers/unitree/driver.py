@@ -55,7 +55,7 @@ class _Legs(Driver):
     STOP_CHANNEL: ClassVar[str] = "strands_actors.drivers.unitree.stop_channel:UnitreeStopChannel"
     TWIN: ClassVar[str] = "strands_actors.drivers.unitree.twin:main"
     TASKS: ClassVar[str] = (
-        "legs run no named policy: balance needs the caller's own, at 500 Hz, with the caller beside the robot"
+        "legs run no named policy: balance needs a policy of the caller, at 500 Hz, on the robot's computer"
     )
     SENSORS: ClassVar[tuple[Sensor, ...]] = (
         imu(**IMU),

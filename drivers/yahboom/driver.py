@@ -96,7 +96,8 @@ class YahboomM3Pro(Driver):
         Sensor("lidar/summary", {"nearest_scan0": "scan0_nearest_m", "nearest_scan1": "scan1_nearest_m"}),
     )
     ROLLOUTS: ClassVar[str] = (
-        "this robot runs no policies: it does not report where its arm is. Call send_action() as often as you like"
+        "this robot cannot run policies, because it does not report its arm's position. "
+        "Call send_action() at any rate"
     )
     GUARDED: ClassVar[tuple[str, ...]] = BASE
     TOPICS: ClassVar[Mapping[str, str]] = dict.fromkeys(BASE, CMD_VEL)
