@@ -70,25 +70,30 @@ class AsyncRobot:
 
     @property
     def tool_name(self) -> str:
+        """The name of the handle, which is also the name of the tool for agents."""
         return self._plan.tool_name
 
     @property
     def name(self) -> str:
-        """Return its name among the robots that run: ``tool_name``, with a number if another robot has
-        that name."""
+        """The robot's name among the robots that run.
+
+        It is ``tool_name``, with a number if another robot has that name.
+        """
         return self._tree.robot
 
     @property
     def twin_process(self) -> TwinProcess | None:
-        """Return the process of its twin; None if it has no twin."""
+        """The process of the robot's twin; None if it has no twin."""
         return self._plan.twin_process
 
     @property
     def transport(self) -> str | None:
+        """The transport that replaces a port, such as ``twin`` or ``sim``; None for a port."""
         return self._plan.transport
 
     @property
     def tool_spec(self) -> dict[str, Any]:
+        """The tool's description for agents: name, verbs and schema of the input."""
         return tool_spec(self.tool_name, self.driver)
 
     async def send_action(self, action: Mapping[str, Any], robot_name: str | None = None) -> Answer:
@@ -169,17 +174,22 @@ class AsyncRobot:
     async def service(
         self, name: str, *values: Any, action: Mapping[str, Any] | None = None, **arguments: Any
     ) -> Answer:
-        """Run a service of the robot's driver. Each service is a method, too: ``await
-        robot.step(steps=100)``. Arguments and keys are those of ``RealRobot.service``."""
+        """Run a service of the robot's driver.
+
+        Each service is a method, too: ``await robot.step(steps=100)``. Arguments and keys are those of
+        ``RealRobot.service``.
+        """
         named = verbs.name_values(self._plan, name, values, arguments)
         if isinstance(named, Refused):
             return answers.refused(named)
         return await answered(name, verbs.service, self._tree, name, named, action)
 
     async def command(self, name: str, *values: Any, wait: bool = True, **inputs: Any) -> Answer:
-        """Run a verb that the driver declares for agents. Each verb is a method, too: ``await
-        robot.home()``, ``await robot.move(0.2, duration_s=3.0)``. Arguments and keys are those of
-        ``RealRobot.command``."""
+        """Run a verb that the driver declares for agents.
+
+        Each verb is a method, too: ``await robot.home()``, ``await robot.move(0.2, duration_s=3.0)``.
+        Arguments and keys are those of ``RealRobot.command``.
+        """
         call = call_of(self.driver, name, values, inputs)
         if isinstance(call, Refused):
             return answers.refused(call)
@@ -200,19 +210,24 @@ class AsyncRobot:
         return await answered("state", verbs.get_state, self._tree)
 
     async def stop(self) -> Answer:
-        """De-energise every motor (or bring it to the safe state that the driver declares for a stop), and
-        report each. It is a success only if every motor confirmed it. The keys are those of
-        ``RealRobot.stop``."""
+        """De-energise every motor, or bring it to the driver's safe state for a stop, and report each.
+
+        It is a success only if every motor confirmed it. The keys are those of ``RealRobot.stop``.
+        """
         return await answered("stop", verbs.stop, self._tree)
 
     async def resume(self) -> Answer:
-        """Lift the lock of an e-stop, and energise at the measured position. It starts no motion. The keys
-        are those of ``RealRobot.resume``."""
+        """Lift the lock of an e-stop, and energise at the measured position. It starts no motion.
+
+        The keys are those of ``RealRobot.resume``.
+        """
         return await answered("resume", verbs.resume, self._tree)
 
     async def get_status(self) -> Answer:
-        """Return the status of the robot and its processes. The keys are those of
-        ``RealRobot.get_status``."""
+        """Return the status of the robot and its processes.
+
+        The keys are those of ``RealRobot.get_status``.
+        """
         return await answered("status", verbs.get_status, self._tree)
 
     async def run_policy(
@@ -227,7 +242,9 @@ class AsyncRobot:
         robot_name: str | None = None,
     ) -> Answer:
         """Run a policy object in a worker thread of this process. Return at once, unless ``wait`` is true.
-        Arguments, keys and exceptions are those of ``RealRobot.run_policy``."""
+
+        Arguments, keys and exceptions are those of ``RealRobot.run_policy``.
+        """
         if refused := verbs.refuse_name(robot_name, self._plan, self.name, "run_policy"):
             return refused
         run = verbs.run_policy(policy, policy_object, instruction, duration, n_steps, control_frequency, wait)
@@ -243,8 +260,10 @@ class AsyncRobot:
         control_frequency: float | None = None,
         **options: Any,
     ) -> Answer:
-        """Run a policy by name in a separate process, and return at once. Arguments and keys are those of
-        ``RealRobot.start_task``."""
+        """Run a policy by name in a separate process, and return at once.
+
+        Arguments and keys are those of ``RealRobot.start_task``.
+        """
         start = verbs.start_task(
             self.driver,
             policy_provider,
@@ -258,13 +277,17 @@ class AsyncRobot:
         return start if isinstance(start, Answer) else await answered("start_task", start, self._tree)
 
     async def get_task_status(self) -> Answer:
-        """Return the status of the policy or motion that runs, or of the last one. The keys are those of
-        ``RealRobot.get_task_status``."""
+        """Return the status of the policy or motion that runs, or of the last one.
+
+        The keys are those of ``RealRobot.get_task_status``.
+        """
         return await answered("task", verbs.get_task_status, self._tree)
 
     async def stop_task(self) -> Answer:
-        """End the policy or motion, and return when the robot holds. A policy that does not answer cannot
-        delay this. The keys are those of ``RealRobot.stop_task``."""
+        """End the policy or motion, and return when the robot holds.
+
+        A policy that does not answer cannot delay this. The keys are those of ``RealRobot.stop_task``.
+        """
         return await answered("stop_task", verbs.stop_task, self._tree)
 
     async def use_tool(self, given: object, by: str, motion: str = "") -> Answer:

@@ -41,9 +41,11 @@ class Answer(dict[str, Any], Coroutine[Any, Any, "Answer"]):
         return self
 
     def send(self, value: Any) -> Any:
+        """End the coroutine at once, with the envelope as its result."""
         raise StopIteration(self)
 
     def throw(self, typ: Any, val: Any = None, tb: Any = None) -> Any:
+        """Raise the exception. There is no running code that could handle it."""
         raise typ
 
     def close(self) -> None:
@@ -69,9 +71,11 @@ class PendingAnswer(Mapping[str, Any], Coroutine[Any, Any, Answer]):
         return _when_done(self._future).__await__()
 
     def send(self, value: Any) -> Any:
+        """Resume the wait for the answer, as a coroutine does. The first call begins the wait."""
         return self._drive().send(value)
 
     def throw(self, typ: Any, val: Any = None, tb: Any = None) -> Any:
+        """Raise an exception in the wait, such as its cancellation. The call itself continues."""
         return self._drive().throw(typ)
 
     def close(self) -> None:
@@ -94,8 +98,10 @@ class PendingAnswer(Mapping[str, Any], Coroutine[Any, Any, Answer]):
         return len(self._future.result())
 
     def __bool__(self) -> bool:
-        """Return True without waiting, since no answer is empty. asyncio calls this when it prints a task
-        (Python 3.12)."""
+        """Return True without waiting, since no answer is empty.
+
+        asyncio calls this when it prints a task (Python 3.12).
+        """
         return True
 
     def __repr__(self) -> str:
@@ -109,13 +115,16 @@ async def _when_done(future: Future[Answer]) -> Answer:
 
 
 def in_asyncio() -> bool:
-    """Return True if an asyncio loop runs in this thread. It does not import asyncio, which costs 8 ms: a
-    program with such a loop has imported it."""
+    """Return True if an asyncio loop runs in this thread.
+
+    It does not import asyncio, which costs 8 ms: a program with such a loop has imported it.
+    """
     asyncio = sys.modules.get("asyncio")
     return asyncio is not None and asyncio._get_running_loop() is not None
 
 
 def success(json: dict[str, Any]) -> Answer:
+    """Return the envelope of a success, with ``json`` as its content."""
     return Answer(status="success", content=[{"json": json}])
 
 
@@ -126,6 +135,12 @@ def picture(png: bytes, json: dict[str, Any]) -> Answer:
 
 
 def error(text: str, json: dict[str, Any] | None = None) -> Answer:
+    """Return the envelope of an error.
+
+    Args:
+        text: What happened, and what to do.
+        json: Further facts, such as the fields of a refusal.
+    """
     content: list[dict[str, Any]] = [{"text": text}]
     if json is not None:
         content.append({"json": json})
@@ -228,6 +243,7 @@ def _report(report: StopReport) -> dict[str, Any]:
 
 
 def task(status: TaskStatus) -> dict[str, Any]:
+    """Return the keys of ``get_task_status``."""
     return {
         "running": status.running,
         "steps": status.steps,

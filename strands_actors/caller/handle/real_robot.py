@@ -106,38 +106,43 @@ class RealRobot(RobotTool):
 
     @property
     def tool_name(self) -> str:
-        """Return the name of the handle, which is also the name of the tool for agents."""
+        """The name of the handle, which is also the name of the tool for agents."""
         return self._plan.tool_name
 
     @property
     def driver(self) -> Driver:
-        """Return the driver, which has axes, units, limits and services of the robot."""
+        """The driver, which has axes, units, limits and services of the robot."""
         return self._driver
 
     @property
     def name(self) -> str:
-        """Return its name among the robots that run: ``tool_name``, with a number if another robot has
-        that name."""
+        """The robot's name among the robots that run.
+
+        It is ``tool_name``, with a number if another robot has that name.
+        """
         return self.tool_name if self._tree is None else self._tree.robot
 
     @property
     def robot_name(self) -> str:
-        """Return the name for ``send_action(robot_name=...)``. This is the word of strands-robots for
-        ``name``."""
+        """The name for ``send_action(robot_name=...)``.
+
+        This is the word of strands-robots for ``name``.
+        """
         return self.name
 
     @property
     def twin_process(self) -> TwinProcess | None:
-        """Return the process of its twin; None if it has no twin."""
+        """The process of the robot's twin; None if it has no twin."""
         return self._plan.twin_process
 
     @property
     def transport(self) -> str | None:
-        """Return the transport that replaces a port, such as ``twin`` or ``sim``; None for a port."""
+        """The transport that replaces a port, such as ``twin`` or ``sim``; None for a port."""
         return self._plan.transport
 
     @property
     def data_config(self) -> Any:
+        """The ``data_config`` of ``Robot(...)``, kept unchanged for code that builds a policy."""
         return self._plan.data_config
 
     def __repr__(self) -> str:
@@ -146,13 +151,15 @@ class RealRobot(RobotTool):
 
     @property
     def _tree(self) -> RobotTree | None:
-        """Return the tree; None before the first connect, and in a forked child, since the tree belongs
-        to its parent."""
+        """The tree; None before the first connect, and in a forked child.
+
+        There the tree belongs to the parent.
+        """
         return self._opened if self._pid == os.getpid() else None
 
     @property
     def _forked(self) -> RobotTree | None:
-        """Return the tree of the parent, in a child that was forked from it."""
+        """The tree of the parent, in a child that was forked from it."""
         return self._opened if self._pid != os.getpid() else None
 
     # -- the loop
@@ -268,8 +275,10 @@ class RealRobot(RobotTool):
 
     @property
     def is_connected(self) -> bool:
-        """Return True if a reading came from the robot within the last second. An open port alone does
-        not count."""
+        """True if a reading came from the robot within the last second.
+
+        An open port alone does not count.
+        """
         status = self._status()
         return status is not None and status.connected and 0 <= status.age_s < 1.0
 
@@ -440,8 +449,9 @@ class RealRobot(RobotTool):
 
     @property
     def bus(self) -> Bus:
-        """Return the servos of a robot on a serial bus. They are read as those of lerobot:
-        ``arm.bus.sync_read("Present_Position")``.
+        """The servos of a robot on a serial bus.
+
+        They are read as those of lerobot: ``arm.bus.sync_read("Present_Position")``.
 
         Raises:
             AttributeError: The robot has no serial bus.
@@ -451,8 +461,10 @@ class RealRobot(RobotTool):
         return Bus(self._driver, self._newest)
 
     def service(self, name: str, *values: Any, action: Mapping[str, Any] | None = None, **arguments: Any) -> Answer:
-        """Run a service of the robot's driver. Each service is a method, too:
-        ``robot.release_sport_mode(attempts=3)``, or ``robot.release_sport_mode(3)``.
+        """Run a service of the robot's driver.
+
+        Each service is a method, too: ``robot.release_sport_mode(attempts=3)``, or
+        ``robot.release_sport_mode(3)``.
 
         Args:
             name: Name of the service.
@@ -469,8 +481,10 @@ class RealRobot(RobotTool):
         return self._verb_here(verbs.service_here, verbs.service, name, name, named, action)
 
     def command(self, name: str, *values: Any, wait: bool = True, **inputs: Any) -> Answer:
-        """Run a verb that the driver declares for agents. Each verb is a method, too: ``robot.home()``,
-        ``robot.move(0.2, duration_s=3.0)``, ``robot.set_torque(True)``.
+        """Run a verb that the driver declares for agents.
+
+        Each verb is a method, too: ``robot.home()``, ``robot.move(0.2, duration_s=3.0)``,
+        ``robot.set_torque(True)``.
 
         Args:
             name: Name of the verb.
@@ -495,8 +509,7 @@ class RealRobot(RobotTool):
     if not TYPE_CHECKING:  # robot.pyi lists the services of each robot, so that a type checker finds a typing error
 
         def __getattr__(self, name: str) -> Any:
-            """Return a service or a verb of the driver as a method, or a method by its name in
-            strands-robots."""
+            """Return a service or verb of the driver as a method, or a method by its name in strands-robots."""
             if name == "bus":
                 raise AttributeError(f"{self._plan.robot} has no bus of servos. Use state() or get_observation()")
             plan = self.__dict__.get("_plan")
@@ -519,8 +532,7 @@ class RealRobot(RobotTool):
         return sorted({*super().__dir__(), *services, *verb_names(self._driver)})
 
     def stop(self) -> Answer | PendingAnswer:
-        """De-energise every motor (or bring it to the safe state that the driver declares for a stop), and
-        report each.
+        """De-energise every motor, or bring it to the driver's safe state for a stop, and report each.
 
         Call it as ``stop()`` or as ``await stop()``. It needs no lease, and ends any motion or policy.
         If the wire does not answer, the root fences it and stops the robot by its own stop channel. In
@@ -535,8 +547,9 @@ class RealRobot(RobotTool):
         return self._now_or_soon(lambda: self._stop_now("stop"), verbs.stop, "stop")
 
     def get_status(self) -> Answer | PendingAnswer:
-        """Return the status of the robot and its processes. Call it as ``get_status()`` or as ``await
-        get_status()``.
+        """Return the status of the robot and its processes.
+
+        Call it as ``get_status()`` or as ``await get_status()``.
 
         Returns:
             A success, also if the robot does not answer. Keys, among others: ``connected``,
@@ -547,8 +560,9 @@ class RealRobot(RobotTool):
         return self._now_or_soon(self._get_status, verbs.get_status, "status")
 
     def resume(self) -> Answer:
-        """Lift the lock of an e-stop, restart processes that have ended, and energise the robot at its
-        measured position. It starts no motion.
+        """Lift the lock of an e-stop, restart processes that have ended, and energise the robot.
+
+        The robot is energised at its measured position. No motion starts.
 
         Returns:
             Keys: ``armed``, ``epoch``, ``position`` by joint, as measured.
@@ -649,8 +663,9 @@ class RealRobot(RobotTool):
         return self._verb(verbs.get_task_status, "task")
 
     def stop_task(self) -> Answer:
-        """End the policy, motion or teleoperation, and return when the robot holds. A policy that does
-        not answer cannot delay this.
+        """End the policy, motion or teleoperation, and return when the robot holds.
+
+        A policy that does not answer cannot delay this.
 
         Returns:
             A success if the robot confirmed the hold. Keys: ``robot``, those of ``get_task_status``, and
@@ -719,13 +734,17 @@ class RealRobot(RobotTool):
     ) -> Answer:
         """Let a leader control the robot, and wait for the end. Ctrl-C ends it, and the robot holds.
 
-        The other arguments are those of ``attach_teleop``.
-
         Args:
             leader: A ``Teleoperator``, or its name. None: the leader that was attached before continues
-                with its settings.
+                with its settings. ``hz``, ``map_fn``, ``deadman``, ``max_speed`` and ``options`` are then
+                refused.
+            hz: As in ``attach_teleop``.
+            map_fn: As in ``attach_teleop``.
+            deadman: As in ``attach_teleop``.
+            max_speed: As in ``attach_teleop``.
             duration: Longest time in seconds. Without a ``leader`` it needs ``block=True``.
             block: True waits for the end, False returns at once. None: wait if a ``leader`` is given.
+            options: As in ``attach_teleop``.
 
         Returns:
             As ``get_task_status``, or as ``stop_task`` if this call ended it.
@@ -851,8 +870,10 @@ class RealRobot(RobotTool):
         return self._call(answered, "status", verbs.get_status, tree)
 
     def _now_or_soon(self, now: Callable[[], Answer], verb: Verb, name: str) -> Answer | PendingAnswer:
-        """Run a verb. Inside a running asyncio loop start it at once, and return an answer that can be
-        awaited without blocking the loop."""
+        """Run a verb. Inside a running asyncio loop start it at once, and return a ``PendingAnswer``.
+
+        It can be awaited without blocking the loop.
+        """
         if not answers.in_asyncio():
             return now()
         if self._tree is None:

@@ -137,14 +137,18 @@ PACKAGE: Mapping[str, str] = {
 
 
 def hint(name: str) -> str:
-    """Return the replacement of an attribute of strands-robots, as the end of a message; empty if
-    strands-robots has no such attribute."""
+    """Return the replacement of an attribute of strands-robots, as the end of a message.
+
+    The text is empty if ``INSTEAD`` has no such attribute.
+    """
     return f". strands-robots has it: here, {INSTEAD[name]}" if name in INSTEAD else ""
 
 
 def package_hint(name: str) -> str | None:
-    """Return why a name of the package strands_robots cannot be imported here; None if strands_robots has no
-    such name."""
+    """Return why a name of the package strands_robots cannot be imported here.
+
+    It is None if ``PACKAGE`` has no such name.
+    """
     if name not in PACKAGE:
         return None
     return f"strands_actors has no {name!r}, which strands_robots has. {PACKAGE[name]}"
@@ -158,32 +162,47 @@ class Mesh:
 
     @property
     def alive(self) -> bool:
+        """Always True. Each call joins the mesh by itself."""
         return True
 
     @property
     def peer_id(self) -> str:
+        """The robot's name on the mesh."""
         return self._own_name()
 
     @property
     def peers(self) -> list[dict[str, Any]]:
-        """Return the other robots on the mesh."""
+        """The other robots on the mesh."""
         from strands_actors.surfaces.mesh import get_peers
 
         own = self._own_name()
         return [peer for peer in get_peers() if peer.get("peer_id") != own]
 
     def tell(self, target: str, instruction: str, **options: Any) -> dict[str, Any]:
+        """Run a policy on another robot, and wait until it has ended.
+
+        Args:
+            target: The name of the other robot.
+            instruction: Text for the policy.
+            options: Those of ``strands_actors.tell``. ``policy_provider`` is ``mock`` by default.
+        """
         from strands_actors.surfaces.mesh import tell
 
         # The default of strands-robots is ``mock``.
         return tell(target, instruction, **{"policy_provider": "mock", **options})
 
     def broadcast(self, cmd: Mapping[str, Any] | str) -> list[dict[str, Any]]:
+        """Send a reading command or a stop to all robots of the mesh. The result is that of ``broadcast``.
+
+        Args:
+            cmd: ``status``, ``state``, ``ping`` or a stop.
+        """
         from strands_actors.surfaces.mesh import broadcast
 
         return broadcast(cmd)
 
     def emergency_stop(self) -> list[Outcome]:
+        """Stop every robot on the mesh, and lock each until it is resumed. Return the result of each."""
         from strands_actors.surfaces.mesh import estop
 
         return estop()

@@ -1,5 +1,7 @@
-"""``start_recording`` and ``stop_recording`` of a simulation, the verbs of strands-robots. They record one
-episode of a dataset by ``record_dataset``."""
+"""Record a simulation by ``start_recording`` and ``stop_recording``, the verbs of strands-robots.
+
+They record one episode of a dataset by ``record_dataset``.
+"""
 
 from __future__ import annotations
 
@@ -27,8 +29,12 @@ INFO = Path("meta/info.json")
 
 
 class Named(Protocol):
+    """A handle of a robot, as far as a recording needs it."""
+
     @property
-    def name(self) -> str: ...
+    def name(self) -> str:
+        """The robot's name among the robots that run."""
+        ...
 
 
 class SimRecording:
@@ -92,6 +98,7 @@ class SimRecording:
         return answers.success({"recording": False, **self._about, **recording.saved[-1]})
 
     def status(self) -> Answer:
+        """Return whether an episode is being recorded, with the keys of the last ``start``."""
         return answers.success({"recording": self._recording is not None, **self._about})
 
 

@@ -304,11 +304,15 @@ class SimRobot(RealRobot):
 
         These are ``robot_name`` (or a robot's name as the first argument), ``policy_object``,
         ``policy_provider`` and ``policy_config``. With any of them the call returns when the policy has
-        ended, as in strands-robots, unless ``wait`` is given. The other arguments and the keys are those of
-        ``RealRobot.run_policy``.
+        ended, as in strands-robots, unless ``wait`` is given. The keys are those of ``RealRobot.run_policy``.
 
         Args:
             policy: The policy. A text here counts as ``robot_name``.
+            instruction: As in ``RealRobot.run_policy``.
+            duration: As in ``RealRobot.run_policy``.
+            n_steps: As in ``RealRobot.run_policy``.
+            control_frequency: As in ``RealRobot.run_policy``.
+            policy_object: Another name of ``policy``. Keyword of strands-robots.
             wait: True returns when the policy has ended, False at once. None: wait if a keyword of
                 strands-robots is given.
             robot_name: The robot that is meant, as in ``send_action``.
@@ -343,10 +347,10 @@ class SimRobot(RealRobot):
         overwrite: bool = False,
         cameras: Sequence[str] | None = None,
     ) -> Answer:
-        """Begin an episode of a dataset in LeRobot's format. It records commands and readings until
-        ``stop_recording()``.
+        """Begin an episode of a dataset in LeRobot's format.
 
-        The name is that of strands-robots. ``record_dataset`` can do more.
+        It records commands and readings until ``stop_recording()``. The name is that of strands-robots.
+        ``record_dataset`` can do more.
 
         Args:
             repo_id: ``owner/name``, in LeRobot's folder, or a path.
@@ -465,6 +469,7 @@ class SimRobot(RealRobot):
         return answers.success({"position": tree.driver.observed(answer.observation)})
 
     def cleanup(self) -> Answer:
+        """As ``RealRobot.cleanup``. It also saves a recording that runs, and closes the simulation."""
         if not self._closed and self._forked is None:
             answers.warn_unless_safe(self.name, self._recording.stop())
         answer = super().cleanup()

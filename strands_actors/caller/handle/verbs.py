@@ -84,10 +84,12 @@ def refuse_name(robot_name: object, plan: Plan, running_as: str, verb: str = "mo
 
 
 async def send_action(tree: RobotTree, action: Mapping[str, Any]) -> Answer:
+    """Send one setpoint. The arguments and keys are those of ``RealRobot.send_action``."""
     return _commanded(tree, action, await tree.send_action(action))
 
 
 def send_action_here(tree: RobotTree, action: Mapping[str, Any]) -> Answer | None:
+    """As ``send_action``, in the calling thread."""
     answer = tree.send_action_here(action)
     return None if answer is None else _commanded(tree, action, answer)
 
@@ -99,10 +101,12 @@ def _commanded(tree: RobotTree, action: Mapping[str, Any], answer: Accepted | Re
 
 
 async def get_observation(tree: RobotTree) -> Answer:
+    """Return the newest measured positions by joint, in the driver's units, as an envelope."""
     return _observed(tree, await tree.observe())
 
 
 def get_observation_here(tree: RobotTree) -> Answer:
+    """As ``get_observation``, in the calling thread."""
     return _observed(tree, tree.observe_here())
 
 
@@ -113,8 +117,10 @@ def _observed(tree: RobotTree, answer: Observation | Refused) -> Answer:
 
 
 class Observing:
-    """Turn the envelopes of ``observe`` into the plain result of ``get_observation``, for one handle. It
-    logs each reason for a missing reading once."""
+    """Turn the envelopes of ``observe`` into the plain result of ``get_observation``, for one handle.
+
+    It logs each reason for a missing reading once.
+    """
 
     def __init__(self) -> None:
         self._told = ""
@@ -137,8 +143,10 @@ async def get_state(tree: RobotTree) -> Answer:
 
 
 def _state(driver: Driver, seen: Observation) -> dict[str, Any]:
-    """Return the keys of ``state``. ``joints`` and ``joint_velocities`` are the same values under their
-    names in strands-robots."""
+    """Return the keys of ``state``.
+
+    ``joints`` and ``joint_velocities`` are the same values under their names in strands-robots.
+    """
     velocities = answers.velocities(driver, seen)
     return {
         "robot": driver.robot,
@@ -202,8 +210,7 @@ def require_service(handle: object, plan: Plan | None, name: str) -> None:
 
 
 def _of_hardware(plan: Plan | None, name: str) -> str:
-    """Return a hint for a service that the real robot has and its simulation lacks; empty for any other
-    name."""
+    """Return a hint for a service that only the real robot has, not its simulation; else an empty text."""
     if plan is None or not plan.driver_class.SIMULATED:
         return ""
     if name not in load(plan.options["class"]).services(plan.options["options"]):
@@ -217,8 +224,10 @@ def _of_hardware(plan: Plan | None, name: str) -> str:
 def name_values(
     plan: Plan, name: str, values: Sequence[Any], arguments: Mapping[str, Any]
 ) -> dict[str, Any] | Refused:
-    """Return the arguments of a service by name, also those that were given by position. The driver
-    checks everything else about them."""
+    """Return the arguments of a service by name, also those that were given by position.
+
+    The driver checks everything else about them.
+    """
     if not values:
         return dict(arguments)
     service = plan.driver_class.services(plan.options).get(name)
@@ -249,6 +258,7 @@ async def service(
 def service_here(
     tree: RobotTree, name: str, arguments: Mapping[str, Any], action: Mapping[str, Any] | None = None
 ) -> Answer | None:
+    """As ``service``, in the calling thread. None: nothing was done, and the loop has to run it."""
     if (command := _command(tree, name, arguments, action)) is not None:
         return answers.refused(command) if isinstance(command, Refused) else send_action_here(tree, command)
     if (reason := _order_to_stop(tree, name)) is not None:
@@ -278,8 +288,10 @@ def action_of_service(service: Service, arguments: Mapping[str, Any]) -> dict[st
 
 
 def _order_to_stop(tree: RobotTree, name: str) -> Reason | None:
-    """Return the reason of a service that is a stop (``Service.stops``); None for any other. Unknown
-    names are refused later."""
+    """Return the reason of a service that is a stop (``Service.stops``); None for any other.
+
+    Unknown names are refused later.
+    """
     declared = tree.driver.SERVICES.get(name)
     return None if declared is None else declared.stops
 
@@ -289,18 +301,27 @@ def _performed(answer: Performed | Refused) -> Answer:
 
 
 async def stop(tree: RobotTree) -> Answer:
+    """Bring the robot to its safe state. The keys are those of ``RealRobot.stop``."""
     return answers.stop_result("stop", await tree.stop())
 
 
 def stop_here(tree: RobotTree) -> Answer:
+    """As ``stop``, in the calling thread."""
     return answers.stop_result("stop", tree.stop_here())
 
 
 async def get_status(tree: RobotTree) -> Answer:
+    """Return the status of the robot and its processes, also if the robot does not answer."""
     return answers.success(describe(tree, await tree.status()))
 
 
 def describe(tree: RobotTree, status: Status | None) -> dict[str, Any]:
+    """Return the keys of ``get_status``.
+
+    Args:
+        tree: The robot.
+        status: The answer of the gate; None if it did not come.
+    """
     problem = tree.problem or busy.explained("the wire does not answer")
     described = answers.status(
         tree.plan.tool_name, tree.plan.robot, tree.driver, problem, status, tree.facts, tree.standby_report
@@ -318,6 +339,15 @@ def describe(tree: RobotTree, status: Status | None) -> dict[str, Any]:
 
 
 async def resume(tree: RobotTree, lift: bool = True) -> Answer:
+    """Energise the robot at its measured position. It starts no motion.
+
+    Args:
+        tree: The robot.
+        lift: True lifts the lock of an e-stop. False only energises, for a caller that is not an operator.
+
+    Returns:
+        The keys of ``RealRobot.resume``.
+    """
     answer = await tree.resume(lift)
     if isinstance(answer, Refused):
         return answers.refused(answer)
@@ -327,6 +357,7 @@ async def resume(tree: RobotTree, lift: bool = True) -> Answer:
 
 
 async def get_task_status(tree: RobotTree) -> Answer:
+    """Return the status of the rollout or motion that runs, or of the last one."""
     return answers.success(answers.task(await tree.rollouts.task()))
 
 
@@ -335,6 +366,7 @@ DONE = ("duration", "n_steps", "stopped")
 
 
 async def stop_task(tree: RobotTree) -> Answer:
+    """End the rollout or motion, and return when the robot holds, with the result of that hold."""
     status, result = await tree.rollouts.stop_task()
     done = {"robot": tree.robot, **answers.task(status)}
     return answers.stop_result("stop_task", result, done)

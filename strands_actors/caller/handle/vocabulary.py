@@ -1,5 +1,7 @@
-"""Make the verbs that a driver declares for agents methods of a robot's handle. So scripts and agents
-use the same verbs."""
+"""Make the verbs that a driver declares for agents methods of a robot's handle.
+
+So scripts and agents use the same verbs.
+"""
 
 from __future__ import annotations
 
@@ -14,8 +16,10 @@ from strands_actors.surfaces.agents.calls import Call, read
 
 
 def find_verb(driver: Driver | None, name: str) -> ToolVerb | None:
-    """Return the verb of this name; None if there is no such verb, or it is a service. The handle has the
-    services as methods already."""
+    """Return the verb of this name; None if there is no such verb, or it is a service.
+
+    The handle has the services as methods already.
+    """
     if driver is None:
         return None
     return next((verb for verb in driver.TOOL_VERBS if verb.name == name and verb.does != "service"), None)
