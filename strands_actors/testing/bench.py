@@ -94,8 +94,11 @@ class Caller:
         return {role for role, pid in self.pids().items() if Path(f"/proc/{pid}").exists()}
 
     def complete(self) -> None:
-        """Wait until the tree has its extras, and every process that it ever had. Raise ``NotMoving`` if it
-        does not get them."""
+        """Wait until the tree has its extras, and every process that it ever had.
+
+        Raises:
+            NotMoving: A process is still missing after ``COMPLETE_S``.
+        """
         if self._recorder is not None and not self._recorder.alive:
             self._end_recorder()
         if RECORDER in self.extras and self._recorder is None:
@@ -110,8 +113,11 @@ class Caller:
         self._roles = frozenset(self.pids())
 
     def line(self) -> dict[str, Any]:
-        """Return the next JSON line of the caller. Raise ``NotMoving`` if it has ended or prints nothing for
-        ``START_S``."""
+        """Return the next JSON line of the caller.
+
+        Raises:
+            NotMoving: The caller has ended, or prints nothing for ``START_S``.
+        """
         deadline_s = time.monotonic() + START_S
         while not (text := self._next_line(deadline_s)).startswith(b"{"):
             pass  # vendor libraries print there, too
@@ -131,19 +137,23 @@ class Caller:
         return text
 
     def tell(self, line: str) -> None:
+        """Send an order to the caller (``testing.caller``), as one line. Ignore that the caller has ended."""
         # The next read notices that the caller has ended.
         with contextlib.suppress(BrokenPipeError):
             os.write(self._input, line.encode() + b"\n")
 
     def policy_broke_ns(self) -> int:
+        """Return when the policy broke (CLOCK_MONOTONIC, ns); 0 if it has not broken."""
         note = Path(f"{self.trigger}.t")
         return int(note.read_text() or 0) if note.exists() else 0
 
     def forget_trigger(self) -> None:
+        """Remove the files of the last fault of a policy, so that the next policy runs."""
         for path in (self.trigger, Path(f"{self.trigger}.t")):
             path.unlink(missing_ok=True)
 
     def end(self) -> None:
+        """Kill the caller, its recorder, and every process of its tree."""
         self._end_recorder()
         self.process.end()
         for pid in self.pids().values():
@@ -193,6 +203,7 @@ class Bench:
 
     @property
     def log(self) -> WireLog:
+        """The twin's log of the wire."""
         return self.twin.log
 
     def drop(self) -> None:
@@ -269,8 +280,10 @@ class Bench:
         }
 
     def processes(self) -> Iterator[int]:
-        """Yield all running processes with the environment of this bench's callers, including the callers.
-        Linux only."""
+        """Yield the ids of all running processes with the environment of this bench's callers.
+
+        The callers are among them. Linux only.
+        """
         mark = f"STRANDS_ACTORS_RUN={self._directory / 'run'}".encode()
         for entry in os.listdir("/proc"):
             if not entry.isdigit() or int(entry) == self.template.pid:
@@ -284,8 +297,10 @@ class Bench:
         return Queue([*caller.pids().values(), self.twin.process.pid, os.getpid()], victim)
 
     def _wait_for_silence(self) -> None:
-        """Wait until no process of the previous tree writes any more. Its processes were killed one after the
-        other."""
+        """Wait until no process of the previous tree writes any more.
+
+        Its processes were killed one after the other.
+        """
         deadline_s, tail, last_ns = time.monotonic() + 2.0, self.log.tail(), 0
         while time.monotonic() < deadline_s:
             last_ns = max((entry.t_ns for entry in tail.new() if entry.sender == "host"), default=last_ns)

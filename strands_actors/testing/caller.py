@@ -34,6 +34,12 @@ MOVED_S = 0.2
 
 
 class Caller:
+    """The robot of the script, its motion, and the orders that it obeys.
+
+    The constructor connects the robot. It raises ``SystemExit`` if that fails three times, or if the robot
+    cannot be prepared for commands.
+    """
+
     def __init__(self, wanted: dict[str, Any]) -> None:
         if wanted["driver"]:
             register(wanted["driver"], wanted["robot"])
@@ -111,6 +117,7 @@ class Caller:
         return ""
 
     def step(self) -> None:
+        """Send the next setpoint, if the script itself moves the robot (motion ``loop``)."""
         if self._loops:
             self.robot.send_action(self._swing())
 
@@ -119,10 +126,12 @@ class Caller:
         return {**self._others, self._joint: self._here + self._far * swing}
 
     def again(self, motion: str) -> None:
+        """Resume, move the robot in this motion, and print the tree once it moves."""
         self.resume()
         self.begin(motion)
 
     def resume(self) -> None:
+        """Resume the robot, with repeated attempts for 10 s, and prepare it for commands."""
         deadline_s = time.monotonic() + 10.0
         while (answer := self.robot.resume())["status"] != "success":
             if time.monotonic() > deadline_s:
@@ -131,6 +140,7 @@ class Caller:
         self._prepare()
 
     def obey(self, line: str) -> None:
+        """Carry out one order from standard input, as the head of this module lists them."""
         match line.split():
             case ["again", motion]:
                 self.again(motion)
@@ -146,6 +156,11 @@ class Caller:
 
 
 def main(wanted: dict[str, Any]) -> None:
+    """Move the robot, and obey orders until standard input ends.
+
+    Args:
+        wanted: The settings, as the head of this module lists them.
+    """
     caller = Caller(wanted)
     caller.begin(wanted["motion"])
     while True:

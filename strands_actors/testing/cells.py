@@ -89,16 +89,17 @@ class Outcome:
 
     @property
     def safe(self) -> bool:
+        """True if the whole robot reached the safe state, and no setpoint came after it."""
         return self.all_motors and self.setpoints_after == 0
 
     @property
     def late(self) -> bool:
+        """True if the safe frame came after the published bound."""
         return self.safe_ms > self.bound_ms
 
     @property
     def on_time(self) -> bool:
-        """True if the safe frame came within the bound plus the time for which the processes waited for a
-        processor.
+        """True if the safe frame came within the bound plus the wait of the processes for a processor.
 
         So a test that runs next to others is held by the same bound as a measurement.
         """
@@ -193,8 +194,17 @@ def _once(
 
 
 def tries(cell: C, bench: Bench, trials: int, run: Callable[[C, Bench], Outcome]) -> Iterator[Outcome]:
-    """Yield trials until enough of them are undisturbed, or ``MOST`` times as many were made. Raise
-    ``NotMoving``."""
+    """Yield trials until enough of them are undisturbed, or ``MOST`` times as many were made.
+
+    Args:
+        cell: The cell or pair.
+        bench: The robot.
+        trials: Number of undisturbed trials.
+        run: Makes one trial: ``run_cell`` or ``run_pair``.
+
+    Raises:
+        NotMoving: The robot cannot be made to move. The text names robot and cell.
+    """
     undisturbed = 0
     for _ in range(MOST * trials):
         try:
@@ -439,6 +449,7 @@ class Expected(NamedTuple):
 
 
 def expected_of(driver: Driver, cell: Cell) -> Expected:
+    """Return the safe states that the wire may show after the fault of a cell, and the bound."""
     safe_states = expected_safe_states(driver, cell.victim, cell.fault)
     return Expected(cell.victim, cell.fault, safe_states, bound_s(driver, cell.victim, cell.fault) * 1e3)
 
@@ -484,6 +495,13 @@ def told(outcome: Outcome, log: WireLog, since_ns: int) -> Outcome:
 
 
 async def until_safe(log: WireLog, since_ns: int, queue: Queue) -> None:
+    """Wait until the host writes a safe frame, at most ``PATIENCE_S``.
+
+    Args:
+        log: The log of the wire.
+        since_ns: Frames count from this time on.
+        queue: Its ``look`` is called at each poll, since a process may end before the measurement does.
+    """
     tail = log.tail()
 
     def look() -> bool:
@@ -505,6 +523,8 @@ async def _until(look: Callable[[], T | None]) -> T:
 
 
 def is_safe_state(entry: Entry, safe_state: str) -> bool:
-    """Return True if a frame brings the whole robot to ``safe_state``. On a wire without this information every
-    safe frame does."""
+    """Return True if a frame brings the whole robot to ``safe_state``.
+
+    On a wire without this information every safe frame does.
+    """
     return entry.safe_state is None or entry.safe_state == safe_state

@@ -86,12 +86,14 @@ class Check:
     proves: tuple[str, ...] = ()
 
     def __call__(self) -> None:
+        """Run the check. Raise ``AssertionError`` with the defect."""
         self.run()
 
     def __str__(self) -> str:
         return self.name
 
     def result(self) -> Result:
+        """Run the check, and return its result. An exception of foreign code is a failure, too."""
         try:
             detail = self.run() or ""
         # Foreign code may raise anything.
@@ -224,8 +226,10 @@ class _SharedBench:
 
 
 def close_bench() -> None:
-    """Close the bench of a driver's kill cells when not all of them are run: with ``-k``, or when another
-    worker runs the rest."""
+    """Close the bench of a driver's kill cells when not all of them are run.
+
+    This is so with ``-k``, or when another worker runs the rest.
+    """
     if _SharedBench.opened is not None:
         _SharedBench.opened.close()
 

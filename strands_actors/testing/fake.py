@@ -64,9 +64,19 @@ class FakeHardware:
     def record(
         self, clock: Clock, kind: str, path: str, safe_state: str = "", values: Sequence[float] = ()
     ) -> None:
+        """Add a frame to ``written``, with the present time of the clock.
+
+        Args:
+            clock: The clock of the tree.
+            kind: As in ``Written``.
+            path: ``wire`` or ``stop_channel``.
+            safe_state: Of a safe frame.
+            values: Of a setpoint, or the positions at a safe frame.
+        """
         self.written.append(Written(clock.now_ns(), kind, safe_state, tuple(values), path))
 
     def of(self, kind: str, since_ns: int = 0) -> list[Written]:
+        """Return the frames of one kind from a time (ns) on."""
         return [entry for entry in self.written if entry.kind == kind and entry.t_ns >= since_ns]
 
     def after(self, kind: str, earlier: Written) -> list[Written]:
@@ -75,6 +85,16 @@ class FakeHardware:
         return [entry for entry in self.written[at + 1 :] if entry.kind == kind]
 
     def make_safe(self, clock: Clock, safe_state: str, path: str) -> tuple[MotorReport, ...]:
+        """Bring each axis that answers to the safe state, and report every axis.
+
+        Args:
+            clock: The clock of the tree.
+            safe_state: ``hold`` keeps an axis energised at its position. Any other de-energises it.
+            path: ``wire`` or ``stop_channel``.
+
+        Returns:
+            A report for each axis. An unplugged cable, or an axis without a reply, is not confirmed.
+        """
         if not self.plugged:
             return tuple(MotorReport(axis, at, False, False, False, "no link") for at, axis in enumerate(AXES))
         self.record(clock, "safe", path, safe_state, self.position)
@@ -114,6 +134,7 @@ class FakeDriver(Driver):
         self.hardware = HARDWARE[port]
 
     def parse(self, action: Mapping[str, float], state: GateState) -> Candidate | Refused:
+        """Parse targets by axis. An unknown axis, or a target that is no number within ``LIMIT``, is refused."""
         values, named = list(state.target), []
         for key, value in action.items():
             if key not in AXES:
@@ -125,13 +146,17 @@ class FakeDriver(Driver):
         return Candidate(tuple(values), tuple(named))
 
     def open_wire(self, clock: Clock) -> Wire:
+        """Return a ``FakeWire`` to the hardware of the port."""
         return FakeWire(self.hardware, clock)
 
     def stop_channel(self, descriptors: Sequence[int], clock: Clock) -> StopChannel:
+        """Return a ``FakeStopChannel`` to the hardware of the port. It needs no descriptors."""
         return FakeStopChannel(self.hardware, clock)
 
 
 class FakeWire(Wire):
+    """The wire to a ``FakeHardware``. Its waits and failures are the settings of the hardware."""
+
     interruptible: ClassVar[bool] = True
 
     def __init__(self, hardware: FakeHardware, clock: Clock) -> None:
@@ -148,6 +173,7 @@ class FakeWire(Wire):
             raise WireDown("an axis does not answer")
 
     async def open(self) -> dict[str, Any]:
+        """Record the frame of a handshake, and wait ``open_s``. A missing cable or reply raises ``WireDown``."""
         self._check()
         self._hardware.record(self._clock, "read", "wire")
         await trio.sleep(self._hardware.open_s)
@@ -156,6 +182,10 @@ class FakeWire(Wire):
         return {"fake": True}
 
     async def arm(self, permit: Permit) -> Observation:
+        """Energise one axis after the other, with a check of the permit before each.
+
+        A silent axis raises ``WireDown``. The axes before it stay energised.
+        """
         for at, axis in enumerate(AXES):
             await trio.sleep(0.001)
             self._check()
@@ -167,6 +197,7 @@ class FakeWire(Wire):
         return self._observe()
 
     async def read(self) -> Observation:
+        """Return positions after ``read_s``. With ``read_hangs`` it waits until that is false again."""
         while self._hardware.read_hangs:  # noqa: ASYNC110  # a hang is intended
             await trio.sleep(1.0)
         await trio.sleep(self._hardware.read_s)
@@ -174,6 +205,7 @@ class FakeWire(Wire):
         return self._observe()
 
     async def write(self, values: tuple[float, ...], permit: Permit) -> None:
+        """Record the setpoint after ``write_s``. Each energised axis is at its target at once."""
         if self._hardware.write_s:
             await trio.sleep(self._hardware.write_s)
         self._check()
@@ -184,16 +216,21 @@ class FakeWire(Wire):
                 self._hardware.position[at] = value
 
     async def make_safe(self, safe_state: SafeState) -> tuple[MotorReport, ...]:
+        """Write the safe state, and return the reports after ``confirm_s``.
+
+        With ``holds`` false a hold fails: ``hold_failed`` is set, and the axes are limp.
+        """
         reports = self._hardware.make_safe(self._clock, safe_state, "wire")
         await trio.sleep(self._hardware.confirm_s)
         self.hold_failed = "it slips" if safe_state == SafeState.HOLD and not self._hardware.holds else ""
         return self._hardware.make_safe(self._clock, "limp", "wire") if self.hold_failed else reports
 
     async def reach(self, safe_state: SafeState) -> tuple[MotorReport, ...]:
+        """As ``make_safe``."""
         return await self.make_safe(safe_state)
 
     def close(self) -> None:
-        pass
+        """Do nothing: nothing is open."""
 
     def _observe(self) -> Observation:
         now_ns = self._clock.now_ns()
@@ -205,14 +242,17 @@ class FakeWire(Wire):
 
 
 class FakeStopChannel(StopChannel):
+    """The stop channel to a ``FakeHardware``."""
+
     def __init__(self, hardware: FakeHardware, clock: Clock) -> None:
         self._hardware = hardware
         self._clock = clock
 
     async def make_safe(self, safe_state: SafeState) -> tuple[MotorReport, ...]:
+        """Write the safe state, and return the reports after 2 ms."""
         reports = self._hardware.make_safe(self._clock, safe_state, "stop_channel")
         await trio.sleep(0.002)
         return reports
 
     def close(self) -> None:
-        pass
+        """Do nothing: nothing is open."""

@@ -1,5 +1,6 @@
-"""Faults, victims, the expected safe states and bounds, and the requirements that each cell proves. Tables
-only.
+"""Faults, victims, the expected safe states and bounds, and the requirements that each cell proves.
+
+Tables only.
 
 A *cell* is one victim with one fault. Victims are the roles of the processes in a running tree, and the robot
 itself (``Victims.TWIN``).
@@ -35,6 +36,8 @@ class Victims(enum.StrEnum):
 
 
 class Faults(enum.StrEnum):
+    """The ways in which a process, the robot or its cable fails."""
+
     KILL = "kill"  # SIGKILL
     FREEZE = "freeze"  # SIGSTOP; later SIGCONT
     SPIN = "spin"  # computes for ever
@@ -116,6 +119,7 @@ class Cell:
 
     @property
     def members(self) -> tuple[str, ...]:
+        """The roles of the victims, as a pair has several."""
         return (self.victim,)
 
     @property

@@ -1,5 +1,6 @@
-"""Fork the processes of tests from one with all imports. A twin that is executed computes for a second before
-it serves.
+"""Fork the processes of tests from one with all imports.
+
+A twin that is executed computes for a second before it serves.
 
 The server has one thread and only forks. It imports the given modules before it begins, and nothing later. So a
 request for a child, perhaps next to a running robot, takes only the time of a fork. A child imports any further
@@ -46,8 +47,10 @@ _PROGRAM = "import sys; from strands_actors.testing.fork_server import main; mai
 
 
 class Forked:
-    """A child of the server, with the interface of ``subprocess.Popen``. ``stdin`` and ``stderr`` are this end
-    of its pipes."""
+    """A child of the server, with the interface of ``subprocess.Popen``.
+
+    ``stdin`` and ``stderr`` are this end of its pipes.
+    """
 
     def __init__(
         self, server: ForkServer, pid: int, stdin: IO[bytes] | None = None, stderr: IO[bytes] | None = None
@@ -59,12 +62,23 @@ class Forked:
         self._server = server
 
     def poll(self) -> int | None:
+        """Return the exit code of the child as ``wait`` does; None if it still runs."""
         if self.returncode is None:
             self.returncode = self._server.code_of(self.pid, 0.0)
         return self.returncode
 
     def wait(self, timeout: float | None = None) -> int:
-        """Wait for the end of the child, and return its exit code. Raise ``subprocess.TimeoutExpired``."""
+        """Wait for the end of the child, and return its exit code.
+
+        Args:
+            timeout: Longest time in seconds. None: no limit.
+
+        Returns:
+            The exit code, or the negative number of the signal that ended the child.
+
+        Raises:
+            subprocess.TimeoutExpired: The child still runs after this time.
+        """
         until_s = None if timeout is None else time.monotonic() + timeout
         while self.returncode is None:
             left_s = None if until_s is None else until_s - time.monotonic()
@@ -83,13 +97,16 @@ class Forked:
         return None, errors
 
     def send_signal(self, number: int) -> None:
+        """Send a signal to the child, if it still runs."""
         if self.poll() is None:
             os.kill(self.pid, number)
 
     def terminate(self) -> None:
+        """Send SIGTERM to the child, if it still runs."""
         self.send_signal(signal.SIGTERM)
 
     def kill(self) -> None:
+        """Send SIGKILL to the child, if it still runs."""
         self.send_signal(signal.SIGKILL)
 
 
@@ -117,6 +134,7 @@ class ForkServer:
 
     @property
     def alive(self) -> bool:
+        """True while the server's process runs."""
         return self._process.poll() is None
 
     def fork(
@@ -162,10 +180,16 @@ class ForkServer:
         raise RuntimeError("the process that forks twins has ended, or does not answer")
 
     def code_of(self, pid: int, within_s: float | None) -> int | None:
-        """Return the exit code of a child, or the negative number of the signal that ended it. None if it has
-        not ended within the time.
+        """Return the exit code of a child, or the negative number of the signal that ended it.
 
         If the server has ended, the code is lost, and a child that has ended counts as killed.
+
+        Args:
+            pid: The child.
+            within_s: Longest time to wait, in seconds. None: no limit.
+
+        Returns:
+            None if the child has not ended within this time. Each code is returned once.
         """
         until_s = None if within_s is None else time.monotonic() + within_s
         while True:
@@ -187,6 +211,7 @@ class ForkServer:
                 select.select([self._socket], [], [], step_s)
 
     def close(self) -> None:
+        """Kill the server, and wait for its end. Its children continue."""
         with self._lock:
             self._gone = True
             self._socket.close()
@@ -194,8 +219,10 @@ class ForkServer:
         self._process.wait()
 
     def _hear(self, within_s: float) -> dict[str, int] | None:
-        """Return the next message of the server, and note reported ends. None if nothing came within
-        ``within_s``, or if the server has ended."""
+        """Return the next message of the server, and note reported ends.
+
+        It is None if nothing came within ``within_s``, or if the server has ended.
+        """
         if self._gone or not select.select([self._socket], [], [], within_s)[0]:
             return None
         try:
@@ -232,6 +259,7 @@ def server(of: str, imports: Sequence[str]) -> ForkServer:
 
 
 def twin_server() -> ForkServer:
+    """Return the server that forks twins, with their modules imported."""
     return server("twins", _OF_TWINS)
 
 
@@ -239,6 +267,14 @@ def twin_server() -> ForkServer:
 
 
 def main(fd: int, imports: Sequence[str]) -> None:
+    """Import the modules, then fork a child for each request, and report the end of each child.
+
+    The server ends when its parent has closed the socket.
+
+    Args:
+        fd: Descriptor of the socket to the parent.
+        imports: The modules that the children inherit.
+    """
     sock = socket.socket(fileno=fd)
     for name in imports:
         importlib.import_module(name)
@@ -314,7 +350,10 @@ def _run(request: Mapping[str, Any], descriptors: list[int]) -> NoReturn:
 
 
 def be_child(parent_fd: int) -> None:
-    """Continue as a child process of ``kernel.processes.process.execute``, which gets its specification over
-    ``parent_fd``."""
+    """Continue as a child process of ``kernel.processes.process.execute``, in a new process group.
+
+    Args:
+        parent_fd: Descriptor over which the child gets its specification.
+    """
     os.setpgid(0, 0)
     child.main(parent_fd)

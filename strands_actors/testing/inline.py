@@ -49,6 +49,7 @@ class InlineTree:
         return self.wires_made[-1]
 
     async def status(self) -> Status:
+        """Return the status of the gate. It has 1 s to answer."""
         answer = await self.gate.ask(GetStatus(), 1.0)
         assert isinstance(answer, Status), answer
         return answer

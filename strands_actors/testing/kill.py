@@ -18,6 +18,7 @@ from .matrix import measure
 
 
 def main() -> int:
+    """Measure the cells that the command line names, and print each row as JSON. Return the exit code."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--robot", default="so101")
     parser.add_argument("--repeats", type=int, default=1)

@@ -23,6 +23,14 @@ ON_THE_WIRE_S = 0.1
 
 
 def main(text: str) -> None:
+    """Connect the robot, command its present position, stop it, and resume it.
+
+    Args:
+        text: The settings as JSON.
+
+    Raises:
+        SystemExit: A step failed. The text is the problem.
+    """
     wanted = json.loads(text)
     register(wanted["driver"], wanted["robot"])
     robot: Any = Robot(wanted["robot"], mode="real", port=wanted["port"])

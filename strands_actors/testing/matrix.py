@@ -59,6 +59,7 @@ class Row(msgspec.Struct, frozen=True, omit_defaults=True):
 
     @property
     def safe(self) -> bool:
+        """True if every trial that counts was safe and within the bound, or the cell is not applicable."""
         return bool(self.why_not) or (self.trials > 0 and not (self.unsafe or self.late or self.excused))
 
 
@@ -139,6 +140,7 @@ def shown(time_ms: float | None) -> str:
 
 
 def verdict(row: Row) -> str:
+    """Return the word for a row on the page: safe, not safe, late, mostly disturbed or not measured."""
     if row.safe:
         return "safe"
     if row.unsafe:

@@ -1,5 +1,7 @@
-"""Run one trial of a pair: break two processes of a moving robot, one shortly after the other, and read the
-wire."""
+"""Run one trial of a pair.
+
+Two processes of a moving robot break, one shortly after the other. The log of the wire has the result.
+"""
 
 from __future__ import annotations
 
@@ -31,8 +33,10 @@ from .pairs import APART_S, Pair, expected_safe_states, pair_bound_s
 
 
 def run_pair(pair: Pair, bench: Bench, settle_s: float = SETTLE_S) -> Outcome:
-    """Run a pair, as ``cells.run_cell`` does for a cell. The order of the two faults and the time between them
-    are random."""
+    """Run a pair, as ``cells.run_cell`` does for a cell.
+
+    The order of the two faults and the time between them are random.
+    """
     apart_s = random.uniform(0.0, APART_S)
 
     def trial(caller: Caller) -> Outcome:

@@ -17,6 +17,8 @@ APART_S = 0.05
 
 
 class Ways(enum.StrEnum):
+    """The combinations of two faults, and the row of ``pkill``."""
+
     KILLS = "kill + kill"
     FREEZE_AND_KILL = (
         "freeze + kill"  # the first victim is frozen and the second killed; either fault may come first
@@ -45,10 +47,12 @@ class Pair:
 
     @property
     def victim(self) -> str:
+        """The roles of both victims as one text; ``all`` for the row of ``PKILL``."""
         return " + ".join(self.members) or ALL
 
     @property
     def fault(self) -> str:
+        """The combination of faults, under the name of this attribute in ``Cell``."""
         return self.way
 
     @property

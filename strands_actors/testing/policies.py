@@ -39,6 +39,7 @@ class Faulty(Sine):
         self._others = dict(others or {})
 
     def step(self, observation: Mapping[str, float]) -> dict[str, float]:
+        """Return the next action of ``Sine``, with the other joints; fail once the trigger exists."""
         if self._trigger.exists():
             how = self._trigger.read_text()
             Path(f"{self._trigger}.t").write_text(str(time.monotonic_ns()))

@@ -30,11 +30,14 @@ class Queue:
         self._seen = self._before.get(mortal, {}).get(mortal)
 
     def look(self) -> None:
+        """Read the time of the process that may end, while it still can be read."""
         self._seen = standing(self._mortal) or self._seen
 
     def stood_ms(self) -> float:
-        """Return the waits of all processes together, in milliseconds. Of each process only the thread with the
-        longest wait counts."""
+        """Return the waits of all processes together, in milliseconds.
+
+        Of each process only the thread with the longest wait counts.
+        """
         return sum(self._longest_ns(pid, before) for pid, before in self._before.items()) / 1e6
 
     def _longest_ns(self, pid: int, before: dict[int, Standing]) -> int:

@@ -27,6 +27,7 @@ class RecorderProcess:
 
     @property
     def alive(self) -> bool:
+        """True while the recorder's process runs. A frozen one runs, too."""
         return self._process.poll() is None
 
     def end(self) -> None:

@@ -25,6 +25,7 @@ class StillCamera:
         self._image = np.zeros((HEIGHT, WIDTH, 3), np.uint8)
 
     async def read(self) -> Picture:
+        """Return the picture, with the present time."""
         return Picture(self._image, time.monotonic_ns())
 
     async def aclose(self) -> None:
@@ -32,4 +33,5 @@ class StillCamera:
 
 
 async def open_camera(settings: CameraSettings) -> StillCamera:
+    """Return a camera of black pictures. It ignores the settings."""
     return StillCamera(settings)

@@ -29,14 +29,17 @@ _MAX_REQUEST = 65536
 
 
 class Forked:
-    """A child of the template. The template does not wait for its children, so the id of a child is free at
-    once."""
+    """A child of the template.
+
+    The template does not wait for its children, so the id of a child is free when the child ends.
+    """
 
     def __init__(self, pid: int) -> None:
         self.pid = pid
 
     @property
     def alive(self) -> bool:
+        """True while the child runs."""
         try:
             os.kill(self.pid, 0)
         except ProcessLookupError:
@@ -77,10 +80,21 @@ class Template:
 
     @property
     def pid(self) -> int:
+        """The process id of the template."""
         return self._process.pid
 
     def fork(self, wanted: Mapping[str, Any], stdin: int, stdout: int, stderr: int) -> Forked:
-        """Fork a caller with these settings and descriptors. Raise ``RuntimeError`` if the template has ended."""
+        """Fork a caller with these settings and descriptors.
+
+        Args:
+            wanted: The settings (``testing.caller``).
+            stdin: Descriptor of its orders.
+            stdout: Descriptor of its lines.
+            stderr: Descriptor of its errors.
+
+        Raises:
+            RuntimeError: The template has ended. The text is its stderr.
+        """
         request = json.dumps(wanted).encode()
         assert len(request) < _MAX_REQUEST
         with contextlib.suppress(BrokenPipeError):
@@ -88,6 +102,7 @@ class Template:
         return Forked(int(self._hear()))
 
     def close(self) -> None:
+        """Kill the template, and wait for its end."""
         self._socket.close()
         self._process.kill()
         self._process.wait()
@@ -133,8 +148,10 @@ def serve(sock: socket.socket) -> dict[str, Any]:
 
 
 def _descriptor_of(pid: int) -> int:
-    """Return a pidfd, by which only this very child can be killed. -1 if it has ended, or where the system has
-    no pidfd (macOS)."""
+    """Return a pidfd, by which only this very child can be killed.
+
+    It is -1 if the child has ended, or where the system has no pidfd (macOS).
+    """
     try:
         return os.pidfd_open(pid)
     except (AttributeError, ProcessLookupError):
@@ -149,6 +166,13 @@ def _end(last: int) -> NoReturn:
 
 
 def main(fd: int, robot: str, where: str) -> None:
+    """Import everything that a caller needs, then fork callers. A child runs ``caller.main``.
+
+    Args:
+        fd: Descriptor of the socket to the parent.
+        robot: As in ``Template``.
+        where: As in ``Template``.
+    """
     from . import caller  # the slow import
     from .registering import prepare
 

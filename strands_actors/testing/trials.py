@@ -43,6 +43,7 @@ class Trial(msgspec.Struct, frozen=True, tag="trial"):
 
     @property
     def cell(self) -> tuple[str, str, str]:
+        """The key of its cell: robot, victim and fault."""
         return self.robot, self.outcome.victim, self.outcome.fault
 
 
@@ -69,6 +70,7 @@ _DECODER = msgspec.json.Decoder(Trial | Run | Done)
 
 
 def now() -> str:
+    """Return the present time in UTC, to the second."""
     return datetime.now(UTC).strftime("%Y-%m-%d %H:%M:%S")
 
 
@@ -87,8 +89,10 @@ def subject() -> dict[str, str]:
 
 
 def _digest_of_code() -> str:
-    """Return twelve hexadecimal digits that identify the code of kernel, supervisors and drivers, with their
-    tables."""
+    """Return twelve hexadecimal digits that identify the code of kernel, supervisors and drivers.
+
+    Their tables count, too.
+    """
     digest = hashlib.sha256()
     for module in (runtime, supervisors, drivers):
         folder = Path(str(module.__file__)).parent
@@ -145,10 +149,12 @@ class Trials:
         self._write(begun)
 
     def add(self, trial: Trial) -> None:
+        """Add a trial, and write it to the file."""
         self.all.append(trial)
         self._write(trial)
 
     def of(self, robot: str, cell: Cell | Pair) -> list[Outcome]:
+        """Return the outcomes of one cell or pair of a robot, in the order in which they were added."""
         wanted = (robot, cell.victim, cell.fault)
         return [trial.outcome for trial in self.all if trial.cell == wanted]
 

@@ -108,11 +108,15 @@ class Twin:
         self._end(signal.SIGTERM)
 
     def fault(self, text: str) -> None:
-        """Set a fault, as ``WORD`` or ``WORD:unit``, in the words of ``strands-actors twin --fault``. ``ok``
-        ends it."""
+        """Set a fault. ``ok`` ends it.
+
+        Args:
+            text: ``WORD`` or ``WORD:unit``, in the words of ``strands-actors twin --fault``.
+        """
         self._command(f"fault {text}")
 
     def power_cycle(self) -> None:
+        """Switch the robot off and on again."""
         self._command("power-cycle")
 
     def unplug(self) -> None:
@@ -130,6 +134,7 @@ class Twin:
         self.process.send_signal(signal.SIGSTOP)
 
     def go_on(self) -> None:
+        """Let a frozen robot continue (SIGCONT)."""
         self.process.send_signal(signal.SIGCONT)
 
     def move_by_hand(self, **radians: float) -> None:

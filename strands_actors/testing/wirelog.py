@@ -14,6 +14,8 @@ RUNS = 12
 
 
 class Entry(NamedTuple):
+    """One frame of the log."""
+
     t_ns: int  # CLOCK_MONOTONIC, when the bytes were read off the wire
     sender: str  # "host" or "robot"
     kind: str  # setpoint, safe, enable, read, config or other
@@ -72,8 +74,10 @@ def _entry(line: bytes) -> Entry:
 
 
 class WireLog:
-    """Reads the NDJSON log of a twin that may still be writing it. Entries are kept, since a test that waits
-    for a frame reads often."""
+    """Reads the NDJSON log of a twin that may still be writing it.
+
+    Entries are kept, since a test that waits for a frame reads often.
+    """
 
     def __init__(self, path: str | Path) -> None:
         self.path = Path(path)
@@ -82,6 +86,7 @@ class WireLog:
         self._lock = threading.Lock()
 
     def entries(self, since_ns: int = 0) -> Iterator[Entry]:
+        """Read the log, and return its entries from a time (CLOCK_MONOTONIC, ns) on."""
         with self._lock:
             new = list(self._tail.new())
             if self._tail.emptied:
@@ -119,11 +124,15 @@ class WireLog:
         return [entry for entry in self.entries(since_ns) if entry.sender == "host" and entry.kind == kind]
 
     def first_safe(self, since_ns: int) -> Entry | None:
+        """Return the host's first safe frame from this time (ns) on; None if there is no safe frame."""
         return next(iter(self.host("safe", since_ns)), None)
 
     def safe_within(self, since_ns: int, bound_s: float) -> float:
-        """Return the seconds from ``since_ns`` to the first safe frame. Raise ``AssertionError`` beyond the
-        bound."""
+        """Return the seconds from ``since_ns`` to the first safe frame.
+
+        Raises:
+            AssertionError: The frame came after the bound, or there is no safe frame.
+        """
         safe = self.first_safe(since_ns)
         assert safe is not None, "no safe frame on the wire"
         took_s = (safe.t_ns - since_ns) / 1e9
@@ -150,8 +159,12 @@ class WireLog:
         assert count == 0, f"{count} setpoints after the safe frame"
 
     def silent_after(self, t_ns: int, *kinds: str) -> None:
-        """Raise ``AssertionError`` if the host wrote a frame from this time on. With ``kinds``, only frames of
-        these kinds count."""
+        """Raise ``AssertionError`` if the host wrote a frame from this time on.
+
+        Args:
+            t_ns: The time (CLOCK_MONOTONIC, ns).
+            kinds: The kinds of frames that count. Without any, all count.
+        """
         for entry in self.entries(t_ns):
             if entry.sender == "host" and (not kinds or entry.kind in kinds):
                 late_ms = (entry.t_ns - t_ns) / 1e6

@@ -22,8 +22,10 @@ from .trials import Done, Trial, cell_named, encode, trial
 
 
 class Order(msgspec.Struct, frozen=True):
-    """An order for some trials of one cell. ``driver`` is ``module:Class`` of a robot that is no part of this
-    package, or empty."""
+    """An order for some trials of one cell.
+
+    ``driver`` is ``module:Class`` of a robot that is no part of this package, or empty.
+    """
 
     robot: str
     driver: str
@@ -33,11 +35,18 @@ class Order(msgspec.Struct, frozen=True):
 
 
 class Worker:
+    """A bench that is kept while orders are for the same robot."""
+
     def __init__(self) -> None:
         self._bench: Bench | None = None
         self._whose = ("", "")
 
     def obey(self, order: Order) -> Iterator[Trial]:
+        """Yield the trials of an order. A bench of another robot is closed first.
+
+        Raises:
+            NotMoving: The robot cannot be made to move.
+        """
         bench = self._bench_for(order)
         for outcome in self._tries(order, bench):
             yield trial(order.robot, outcome)
@@ -49,6 +58,7 @@ class Worker:
         return tries(cell, bench, order.trials, run_cell)
 
     def close(self) -> None:
+        """Close the bench, if there is one."""
         bench, self._bench = self._bench, None
         if bench is not None:
             bench.__exit__(None, None, None)
@@ -63,6 +73,7 @@ class Worker:
 
 
 def main() -> None:
+    """Carry out the orders on standard input until it ends. Write each trial, then ``Done``."""
     # A background job of a shell ignores this signal, and its children would inherit that.
     signal.signal(signal.SIGINT, signal.default_int_handler)
     worker = Worker()
