@@ -119,7 +119,7 @@ class Cell:
 
     @property
     def members(self) -> tuple[str, ...]:
-        """The roles of the victims, as a pair has several."""
+        """The roles of the victims: one. A pair has two."""
         return (self.victim,)
 
     @property

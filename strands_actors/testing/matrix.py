@@ -59,7 +59,10 @@ class Row(msgspec.Struct, frozen=True, omit_defaults=True):
 
     @property
     def safe(self) -> bool:
-        """True if every trial that counts was safe and within the bound, or the cell is not applicable."""
+        """True if the cell is not applicable, or was measured and all its trials were safe and on time.
+
+        A cell that was mostly disturbed is not safe.
+        """
         return bool(self.why_not) or (self.trials > 0 and not (self.unsafe or self.late or self.excused))
 
 

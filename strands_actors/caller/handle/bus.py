@@ -38,7 +38,7 @@ class Bus:
 
     @property
     def motors(self) -> dict[str, int]:
-        """Return the servo id of each joint."""
+        """The servo id of each joint."""
         return dict(zip(self._driver.axes, self._driver.ids, strict=True))
 
     def sync_read(self, data_name: str = POSITION, motors: Any = None, num_retry: int = 0) -> dict[str, float]:
