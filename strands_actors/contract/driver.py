@@ -203,7 +203,19 @@ class Condition(msgspec.Struct, frozen=True):
 
 
 class Driver(ABC):
-    """One robot as data and pure functions."""
+    """One robot as data and pure functions.
+
+    A subclass defines ``SUPPORTED_ROBOTS``, ``PORT_KIND``, ``WIRE`` and ``STOP_CHANNEL``, and ``TWIN`` if it has a
+    twin. In place of ``WIRE`` and ``STOP_CHANNEL`` it may override ``open_wire`` and ``stop_channel``.
+
+    Its constructor calls ``declare`` with the axes, and sets ``robot``, ``unit``, ``timing``, ``fallbacks``,
+    ``firmware_watchdog``, ``config`` and ``gates``.
+
+    Args:
+        robot: The robot's name.
+        port: Its serial port or address; empty if it was left out. It is not opened here.
+        options: The plain options that ``resolve`` and ``complete`` have returned.
+    """
 
     SUPPORTED_ROBOTS: ClassVar[tuple[str, ...]]
     ALIASES: ClassVar[Mapping[str, str]] = {}
@@ -305,7 +317,7 @@ class Driver(ABC):
 
         Args:
             robot: The robot's name in the registry.
-            options: The keywords as the user gave them.
+            options: The user's keywords, under the names of ``OPTIONS``.
 
         Returns:
             Options that every process of the tree can be given. The default returns the keywords unchanged.
@@ -326,6 +338,11 @@ class Driver(ABC):
         """Return the options, completed by facts that only the robot can give.
 
         It runs in the caller before the tree is started, and may run again.
+
+        Args:
+            robot: The robot's name.
+            port: Its serial port or address.
+            options: The options that ``resolve`` has returned.
 
         Raises:
             WireDown: The robot does not answer.

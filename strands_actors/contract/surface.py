@@ -11,7 +11,10 @@ from .driver import Driver
 
 @runtime_checkable
 class HardwareDriver(Protocol):
-    """The members of a driver, without inheritance. A robot that ``Robot`` returns has them, too."""
+    """The members of a driver, without inheritance. A robot that ``Robot`` returns has them, too.
+
+    This package calls ``send_action``, ``stop`` and ``cleanup`` of such a class. It has the other methods itself.
+    """
 
     @property
     def tool_name(self) -> str:

@@ -119,12 +119,12 @@ class Remote(Policy):
         return self._talk.facts if isinstance(self._talk, JsonV1) else Facts()
 
     def set_robot_state_keys(self, robot_state_keys: Sequence[str]) -> None:
-        """Set the joints that the policy controls, and send them to the server."""
+        """Set the joints that the policy controls. They are sent now, or with each request of our protocol."""
         super().set_robot_state_keys(robot_state_keys)
         self._tell("keys", self.robot_state_keys)
 
     def set_control_frequency(self, hz: float) -> None:
-        """Set the rate at which the actions are executed (Hz), and send it to the server."""
+        """Set the rate at which the actions are executed (Hz). It is sent as the joints are."""
         self._hz = hz
         self._tell("hz", hz)
 
