@@ -1,5 +1,6 @@
-"""The verbs that agents and other hosts may ask of a robot: those that its driver declares, and its services.
-Pure.
+"""List the verbs that agents and other hosts may ask of a robot. Pure.
+
+These are the verbs that its driver declares, and its services.
 
 A verb in ``Driver.TOOL_VERBS`` was written for agents, under the rules that the driver's author chose
 (``Driver.GUARDED``). A service that was written for scripts may be asked for, too. But its author has not

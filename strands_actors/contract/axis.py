@@ -74,6 +74,7 @@ class Axis(msgspec.Struct, frozen=True, kw_only=True):
 
     @property
     def limits(self) -> tuple[float, float]:
+        """The range of the value, lowest and highest, in the unit of the axis."""
         return self.low, self.high
 
 
@@ -86,7 +87,11 @@ class Part(msgspec.Struct, frozen=True):
 
 
 def axes_of(parts: Sequence[Part]) -> tuple[Axis, ...]:
-    """Return the axes of all parts, in order. Raise ``ValueError`` if two have the same key."""
+    """Return the axes of all parts, in order.
+
+    Raises:
+        ValueError: Two axes have the same key.
+    """
     axes = tuple(axis for part in parts for axis in part.axes)
     keys = [axis.key for axis in axes]
     if twice := sorted({key for key in keys if keys.count(key) > 1}):
@@ -95,8 +100,15 @@ def axes_of(parts: Sequence[Part]) -> tuple[Axis, ...]:
 
 
 def first_target(axes: Sequence[Axis], measured: Sequence[float]) -> tuple[float, ...]:
-    """Return the target of a robot that was just armed: the measured positions, so that it does not
-    jump, and the rest values of velocity axes."""
+    """Return the target of a robot that was just armed.
+
+    Position axes keep their measured position, so that the robot does not jump. Velocity axes get their rest
+    value.
+
+    Args:
+        axes: The axes.
+        measured: The measured value of each axis, in the same order.
+    """
     return tuple(
         axis.rest if axis.mode is AxisMode.VELOCITY else value for axis, value in zip(axes, measured, strict=True)
     )
@@ -147,8 +159,10 @@ def parse_action(
 
 
 def _not_a_number(value: object) -> str:
-    """Return a value that is no number, for a refusal. A text that looks like a number is called a
-    text."""
+    """Return a value that is no number, for a refusal.
+
+    A text that looks like a number is called a text.
+    """
     if value is None:
         return "None, as JSON also has what is infinite or not a number"
     if not isinstance(value, str):

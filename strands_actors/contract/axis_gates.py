@@ -1,5 +1,7 @@
-"""Gates that follow from the table of axes: freshness, range and speed. Pure. A value is refused and never
-clipped."""
+"""Gates that follow from the table of axes: freshness, range and speed. Pure.
+
+A gate refuses a value and never clips it.
+"""
 
 from __future__ import annotations
 
@@ -33,17 +35,34 @@ class Limited(Protocol):
     """The part of an axis that a gate needs. ``contract.axis.Axis`` has it."""
 
     @property
-    def key(self) -> str: ...
+    def key(self) -> str:
+        """The name of the axis in an action."""
+        ...
+
     @property
-    def label(self) -> str: ...
+    def label(self) -> str:
+        """The axis and its motor, for the text of a refusal."""
+        ...
+
     @property
-    def unit(self) -> str: ...
+    def unit(self) -> str:
+        """The unit of the value, also of ``limits`` and ``speed``."""
+        ...
+
     @property
-    def limits(self) -> tuple[float, float]: ...
+    def limits(self) -> tuple[float, float]:
+        """The range of the value, lowest and highest."""
+        ...
+
     @property
-    def speed(self) -> float: ...
+    def speed(self) -> float:
+        """The largest change of the value in a second; infinite for no limit."""
+        ...
+
     @property
-    def mode(self) -> AxisMode: ...
+    def mode(self) -> AxisMode:
+        """Whether the value is a position or a speed."""
+        ...
 
 
 Axes = Sequence[Limited]
@@ -156,10 +175,10 @@ def outside_reported_range(axes: Axes, lows: str, highs: str, untold: GateCheck)
 
 
 def _no_further(axis: Limited, at: int, value: float, state: GateState) -> bool:
-    """Return True if a position outside the range is no further out than the measured position or the last
-    target.
+    """Return True if a position outside the range does not lead further out.
 
-    A policy that returns the observed positions holds a joint that rests on its end stop.
+    It is then no further out than the measured position or the last target. A policy that returns the observed
+    positions holds a joint that rests on its end stop.
     """
     if axis.mode is not AxisMode.POSITION:
         return False
@@ -252,8 +271,14 @@ def too_fast(
 
 
 def show(value: float, unit: str, inwards: object = None) -> str:
-    """Return ``value`` with the digits of its unit. ``inwards`` is the rounding: ``math.floor`` or
-    ``math.ceil``."""
+    """Return ``value`` with the digits of its unit.
+
+    Args:
+        value: A number in ``unit``.
+        unit: Degrees, percent and millimetres have one decimal, other units four.
+        inwards: ``math.floor`` or ``math.ceil``, so that a limit is rounded into its range. None shows two more
+            digits if the value needs them.
+    """
     digits = _DECIMALS.get(unit, _OTHER_DECIMALS)
     if not math.isfinite(value):
         return str(value)

@@ -40,7 +40,7 @@ class CameraSettings(msgspec.Struct, frozen=True, kw_only=True):
 
     @property
     def turned(self) -> bool:
-        """Return True if width and height are exchanged before ``rotation``."""
+        """True if width and height are exchanged before ``rotation``."""
         return self.rotation in (90, -90)
 
     @property
@@ -62,11 +62,18 @@ class Picture(NamedTuple):
 
 
 class PictureSource(Protocol):
-    """An open source of pictures, used in one loop. An exception is reported, and the source is opened again
-    later."""
+    """An open source of pictures, used in one loop.
+
+    An exception of its methods is reported, and the source is opened again later.
+    """
 
     paced: bool
     """True if ``read`` waits for a new picture. Otherwise it is called once per period."""
 
-    async def read(self) -> Picture: ...
-    async def aclose(self) -> None: ...
+    async def read(self) -> Picture:
+        """Return the next picture, in RGB, with the time of its capture."""
+        ...
+
+    async def aclose(self) -> None:
+        """Release the device or connection of the source."""
+        ...

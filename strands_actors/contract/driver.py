@@ -58,8 +58,10 @@ ORDERED = frozenset({Reason.STOP, Reason.ESTOP})
 
 
 class Timing(msgspec.Struct, frozen=True):
-    """The times of one wire. The lifetime (promised by the writer) and the keepalive (needed by the firmware)
-    are different numbers."""
+    """The times of one wire.
+
+    The lifetime (promised by the writer) and the keepalive (needed by the firmware) are different numbers.
+    """
 
     control_hz: float
     keepalive_s: float  # period of re-sending the last live setpoint
@@ -86,8 +88,10 @@ class Timing(msgspec.Struct, frozen=True):
 
 
 class Service(msgspec.Struct, frozen=True):
-    """A service of a robot beyond the common verbs: a method of its handle. ``arguments`` maps names to
-    defaults."""
+    """A service of a robot beyond the common verbs: a method of its handle.
+
+    ``arguments`` maps names to defaults.
+    """
 
     about: str
     within_s: float  # longest time that ``Wire.perform`` may take
@@ -117,13 +121,16 @@ class Service(msgspec.Struct, frozen=True):
 
 
 class Live(msgspec.Struct, frozen=True, gc=False):
-    """A target that the robot follows. ``until_ns`` is its end; None if it is latched, and ends with the
-    lease."""
+    """A target that the robot follows.
+
+    ``until_ns`` is its end; None if it is latched, and ends with the lease.
+    """
 
     until_ns: int | None = None
 
     @property
     def latched(self) -> bool:
+        """True if the target has no end by time, and ends with the lease."""
         return self.until_ns is None
 
     def over(self, now_ns: int) -> bool:
@@ -196,7 +203,19 @@ class Condition(msgspec.Struct, frozen=True):
 
 
 class Driver(ABC):
-    """One robot as data and pure functions."""
+    """One robot as data and pure functions.
+
+    A subclass defines ``SUPPORTED_ROBOTS``, ``PORT_KIND``, ``WIRE`` and ``STOP_CHANNEL``, and ``TWIN`` if it has a
+    twin. In place of ``WIRE`` and ``STOP_CHANNEL`` it may override ``open_wire`` and ``stop_channel``.
+
+    Its constructor calls ``declare`` with the axes, and sets ``robot``, ``unit``, ``timing``, ``fallbacks``,
+    ``firmware_watchdog``, ``config`` and ``gates``.
+
+    Args:
+        robot: The robot's name.
+        port: Its serial port or address; empty if it was left out. It is not opened here.
+        options: The plain options that ``resolve`` and ``complete`` have returned.
+    """
 
     SUPPORTED_ROBOTS: ClassVar[tuple[str, ...]]
     ALIASES: ClassVar[Mapping[str, str]] = {}
@@ -292,8 +311,16 @@ class Driver(ABC):
 
     @classmethod
     def resolve(cls, robot: str, options: Mapping[str, Any]) -> dict[str, Any]:
-        """Check the keywords, read files, and return plain options for ``__init__``. It runs once, in the
-        caller.
+        """Check the keywords, read files, and return plain options for ``__init__``.
+
+        It runs once, in the caller.
+
+        Args:
+            robot: The robot's name in the registry.
+            options: The user's keywords, under the names of ``OPTIONS``.
+
+        Returns:
+            Options that every process of the tree can be given. The default returns the keywords unchanged.
 
         Raises:
             ValueError: A value is wrong. The text says what is accepted.
@@ -308,8 +335,14 @@ class Driver(ABC):
 
     @classmethod
     async def complete(cls, robot: str, port: str, options: Mapping[str, Any]) -> dict[str, Any]:
-        """Return the options, completed by facts that only the robot can give. It runs in the caller before
-        the tree is started, and may run again.
+        """Return the options, completed by facts that only the robot can give.
+
+        It runs in the caller before the tree is started, and may run again.
+
+        Args:
+            robot: The robot's name.
+            port: Its serial port or address.
+            options: The options that ``resolve`` has returned.
 
         Raises:
             WireDown: The robot does not answer.
@@ -340,8 +373,10 @@ class Driver(ABC):
         self._index = {key: at for at, key in enumerate(self.axes)}
 
     def parse(self, action: Mapping[str, float], state: GateState) -> Candidate | Refused:
-        """Return the target of every axis. Position axes that the action does not name keep
-        ``state.target``; velocity axes get zero."""
+        """Return the target of every axis, or a refusal of the action.
+
+        Position axes that the action does not name keep ``state.target``; velocity axes get zero.
+        """
         parsed = parse_action(action, self.robot, self.table, self._index, state.target)
         return parsed if isinstance(parsed, Refused) else Candidate(*parsed)
 
@@ -350,20 +385,26 @@ class Driver(ABC):
         return self.parse(action, state)
 
     def to_approve(self, action: Mapping[str, Any]) -> tuple[str, ...]:
-        """Return the keys of an action that may need approval. Velocities of zero are excluded, since they stop
-        the robot."""
+        """Return the keys of an action that may need approval.
+
+        Velocities of zero are excluded, since they stop the robot.
+        """
         at_rest = {axis.key: axis.rest for axis in self.table if axis.mode is AxisMode.VELOCITY}
         keys = ((key, str(key).removesuffix(".pos")) for key in action)
         return tuple(plain for key, plain in keys if plain not in at_rest or finite(action[key]) != at_rest[plain])
 
     def first_target(self, observation: Observation) -> tuple[float, ...]:
-        """Return the target of a robot that was just armed: the measured positions, so that it does not
-        jump, and zero for velocity axes."""
+        """Return the target of a robot that was just armed.
+
+        These are the measured positions, so that it does not jump, and zero for velocity axes.
+        """
         return first_target(self.table, observation.position) if self.parts else observation.position
 
     def check_service(self, service: str, arguments: Mapping[str, Any]) -> Refused | None:
-        """Return a refusal, or None if ``SERVICES`` declares the service and its arguments, and all counts are
-        valid. Pure."""
+        """Return a refusal of a service, or None if it may run. Pure.
+
+        It may run if ``SERVICES`` declares the service and its arguments, and all counts are valid.
+        """
         declared = self.SERVICES.get(service)
         if declared is None:
             names = ", ".join(self.SERVICES) or "none"
@@ -399,8 +440,10 @@ class Driver(ABC):
             load(self.STOP_CHANNEL)
 
     def preload_wire(self) -> None:
-        """Import the modules of ``open_wire``. It is called in the wire process only, so that the root loads no
-        SDK."""
+        """Import the modules of ``open_wire``.
+
+        It is called in the wire process only, so that the root loads no SDK.
+        """
         if self.WIRE:
             load(self.WIRE)
 
@@ -460,28 +503,46 @@ class Driver(ABC):
     def timed(
         self, targets: Mapping[str, Any], seconds: float, observation: Observation
     ) -> dict[str, Any] | Refused | None:
-        """Return the command with which the robot itself plans a motion to ``targets`` in so many seconds.
-        None (the default) if it cannot; then a path of small steps is sent."""
+        """Return the command with which the robot itself plans a timed motion.
+
+        Args:
+            targets: Target by joint, in the driver's units.
+            seconds: Duration of the motion, in seconds.
+            observation: The newest observation.
+
+        Returns:
+            The command, or a refusal. None (the default) if the robot cannot plan one; then a path of small
+            steps is sent.
+        """
         return None
 
     def readings(self, observation: Observation) -> dict[str, Any]:
-        """Return more readings for ``state`` and ``status``, as JSON in the users' words: a pose, a charge,
-        the name of a mode."""
+        """Return more readings for ``state`` and ``status``, as JSON.
+
+        They are in the users' words: a pose, a charge, the name of a mode.
+        """
         return {}
 
     def model_units(self) -> tuple[tuple[float, float], ...]:
-        """Return (zero, scale) of each axis: ``value = zero + scale * m``, where ``m`` is the joint of the
-        twin's model in radians or metres. The default is (0, 1)."""
+        """Return (zero, scale) of each axis, to convert from the joints of the twin's model.
+
+        ``value = zero + scale * m``, where ``m`` is the joint of the model in radians or metres. The default is
+        (0, 1).
+        """
         return ((0.0, 1.0),) * len(self.axes)
 
     def travel(self) -> dict[str, tuple[float, float]]:
-        """Return the calibrated range (low, high) of each axis in the driver's units; empty without a
-        calibration."""
+        """Return the calibrated range (low, high) of each axis, in the driver's units.
+
+        It is empty without a calibration.
+        """
         return {}
 
     def energised(self, safe_state: SafeState) -> bool:
-        """Return True if the next setpoint moves the robot out of this safe state without a resume: motors
-        keep torque, or a base stands at velocity zero."""
+        """Return True if the next setpoint moves the robot out of this safe state without a resume.
+
+        It does where motors keep torque, or a base stands at velocity zero.
+        """
         return safe_state in (SafeState.HOLD, SafeState.ZERO)
 
 

@@ -24,8 +24,15 @@ class MissingExtra(ImportError):
 
 
 def missing(extra: str, use: str) -> str:
-    """Return why ``use`` is not possible, with the line that installs the extra; empty if it is
-    installed."""
+    """Return why ``use`` is not possible, with the line that installs the extra.
+
+    Args:
+        extra: One of ``EXTRAS``.
+        use: The feature that needs the extra, which begins the sentence.
+
+    Returns:
+        One sentence; empty if the extra is installed.
+    """
     absent = [name for name in EXTRAS[extra] if importlib.util.find_spec(name) is None]
     if not absent:
         return ""
@@ -39,8 +46,12 @@ def require(extra: str, use: str) -> None:
 
 
 def refusing(name: str, failure: ImportError) -> Callable[..., NoReturn]:
-    """Return a replacement for a function whose extra is not installed. A call raises
-    ``MissingExtra``."""
+    """Return a replacement for a function whose extra is not installed.
+
+    Args:
+        name: The name of the function.
+        failure: The exception of its import. A call raises ``MissingExtra`` with its text.
+    """
     why = str(failure) if isinstance(failure, MissingExtra) else f"{name} cannot be imported: {failure}"
 
     def refuse(*values: object, **keywords: object) -> NoReturn:

@@ -1,5 +1,6 @@
-"""Constructor keywords of a driver as a msgspec struct. The annotation of a field has its type, its
-range and its meaning.
+"""Constructor keywords of a driver as a msgspec struct.
+
+The annotation of a field has its type, its range and its meaning.
 
 ::
 
@@ -61,8 +62,10 @@ class Meanings(dict[str, str]):
 
 
 def meanings(options: type[DriverOptions]) -> Meanings:
-    """Return the meaning and default of each keyword, for ``list``, ``--help`` and the signatures of
-    ``Robot``."""
+    """Return the meaning and default of each keyword.
+
+    ``list``, ``--help`` and the signatures of ``Robot`` show them.
+    """
     result = Meanings(options)
     hints = get_type_hints(options, include_extras=True)
     for field in msgspec.structs.fields(options):
@@ -89,8 +92,14 @@ def read_options(robot: str, options: type[Options], given: Mapping[str, Any]) -
 def convert_options(
     robot: str, options: type[Options], given: Mapping[str, Any], *, from_text: bool = False
 ) -> Options:
-    """As ``read_options``, without the keywords that every driver gets. ``from_text`` accepts numbers and
-    bools as text, as from a command line."""
+    """As ``read_options``, without the keywords that every driver gets.
+
+    Args:
+        robot: The robot's name, for the texts of exceptions.
+        options: The class of the struct.
+        given: Values by keyword.
+        from_text: True accepts numbers and bools as text, as from a command line.
+    """
     names = [field.encode_name for field in msgspec.structs.fields(options)]
     values = {name: as_python(value) for name, value in given.items()}
     if unknown := [name for name in values if name not in names]:

@@ -6,8 +6,10 @@ from typing import Any
 
 
 def as_python(value: Any) -> Any:
-    """Return a scalar of numpy, torch or the like as a Python bool, int or float. Return any other value
-    unchanged."""
+    """Return a scalar of numpy, torch or the like as a Python bool, int or float.
+
+    Any other value is returned unchanged.
+    """
     item = getattr(value, "item", None)
     if not callable(item) or getattr(value, "ndim", 0) != 0:
         return value

@@ -25,12 +25,14 @@ class Positions(dict[str, float]):
         return dict.__contains__(self, key) or dict.__contains__(self, _plain(key))
 
     def get(self, key: object, default: Any = None) -> Any:
+        """Return the position for a key, with or without ``.pos``; ``default`` if there is no such joint."""
         try:
             return self[key]  # type: ignore[index]  # any key may be asked for
         except KeyError:
             return default
 
     def copy(self) -> Positions:
+        """Return a copy that also accepts keys with ``.pos``."""
         return Positions(self)
 
 

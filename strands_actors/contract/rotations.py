@@ -7,8 +7,13 @@ from collections.abc import Sequence
 
 
 def roll_pitch_yaw(quaternion_wxyz: Sequence[float]) -> tuple[float, float, float]:
-    """Return roll, pitch and yaw in radians (about x, then y, then z, fixed axes) of a unit
-    quaternion."""
+    """Return roll, pitch and yaw of a unit quaternion, in radians.
+
+    They are rotations about x, then y, then z, with fixed axes.
+
+    Args:
+        quaternion_wxyz: The quaternion, with its real part ``w`` first.
+    """
     w, x, y, z = quaternion_wxyz
     roll = math.atan2(2 * (w * x + y * z), 1 - 2 * (x * x + y * y))
     pitch = math.asin(max(-1.0, min(1.0, 2 * (w * y - z * x))))

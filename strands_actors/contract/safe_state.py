@@ -24,6 +24,7 @@ class SafeState(enum.StrEnum):
 
     @property
     def severity(self) -> int:
+        """The index in the order of severity, from 0, the mildest."""
         return _ORDER[self]
 
     def at_least(self, other: SafeState) -> bool:

@@ -78,8 +78,13 @@ class Sensor(msgspec.Struct, frozen=True):
         return name in whole or bool(self.prefix and name.startswith(self.prefix))
 
     def read(self, sensors: Mapping[str, Row]) -> dict[str, Any]:
-        """Return the present readings by field: a number, or a list of several. Unknown numbers are None. It is
-        empty if nothing was read."""
+        """Return the present readings by field; empty if nothing was read.
+
+        A reading is a number, or a list of several. Unknown numbers are None.
+
+        Args:
+            sensors: ``Observation.sensors``.
+        """
         readings: dict[str, Any] = {}
         for name, row in sensors.items() if self.prefix else ():
             if name.startswith(self.prefix):

@@ -1,6 +1,9 @@
-"""Other names of robots: short names of the usual robot of a family, and names in the registry of
-strands-robots [read: its ``robots.json``]. Other spellings (``Koch-v1.1``) need no row. The names that a
-wire itself declares are in its ``robots.toml``."""
+"""Other names of robots.
+
+These are short names of the usual robot of a family, and names in the registry of strands-robots [read: its
+``robots.json``]. Other spellings (``Koch-v1.1``) need no row. The names that a wire itself declares are in its
+``robots.toml``.
+"""
 
 from __future__ import annotations
 

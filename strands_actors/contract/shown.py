@@ -24,8 +24,11 @@ def shown(value: object, most: int = 40) -> str:
 
 
 def harmless(text: str) -> str:
-    """Return a text in which only printable characters are left. Others are escaped: those that move a cursor,
-    colour, hide, change the direction of a line, or are no character at all."""
+    """Return a text in which only printable characters are left.
+
+    Others are escaped: those that move a cursor, colour, hide, change the direction of a line, or are no
+    character at all.
+    """
     if text.isprintable():
         return text
     return "".join(each if each.isprintable() else ascii(each)[1:-1] for each in text)

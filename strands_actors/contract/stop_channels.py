@@ -27,14 +27,22 @@ Reports = tuple[MotorReport, ...]
 
 
 class Closable(Protocol):
-    def close(self) -> None: ...
+    """A port, connection or session of a stop channel."""
+
+    def close(self) -> None:
+        """Close the descriptors of the port or connection."""
+        ...
 
 
 class Watch(Closable, Protocol):
     """A connection on which the robot reports its state."""
 
     def look(self) -> Reports:
-        """Read the received data and return the report of each motor. Raise ``WireDown``."""
+        """Read the received data and return the report of each motor.
+
+        Raises:
+            WireDown: The connection is lost.
+        """
         ...
 
 
@@ -44,8 +52,11 @@ WatchT = TypeVar("WatchT", bound=Watch)
 
 
 class DuplicateDescriptor(StopChannel, Generic[ConfigT, PortT]):
-    """Stop by a duplicate of the wire's descriptor. If it is dead or missing, the port is opened again, and
-    stays open until ``close``."""
+    """Stop by a duplicate of the wire's descriptor.
+
+    If it is dead or missing, the port is opened again, and stays open until ``close``. A subclass defines
+    ``adopt``, ``open_port``, ``make_safe_on`` and ``failed``.
+    """
 
     def __init__(self, config: ConfigT, descriptors: Sequence[int], clock: Clock) -> None:
         self.config = config
@@ -73,14 +84,17 @@ class DuplicateDescriptor(StopChannel, Generic[ConfigT, PortT]):
         """Report that nothing was written."""
 
     async def serve(self, task_status: trio.TaskStatus[None] = trio.TASK_STATUS_IGNORED) -> None:
-        """Close the port when its adapter was unplugged. While the port is open, the adapter gets another name
-        when it comes back."""
+        """Close the port when its adapter was unplugged.
+
+        While the port is open, the adapter gets another name when it comes back.
+        """
         task_status.started()
         if self.port is not None:
             await self.hung_up(self.port)
             self.close()
 
     async def make_safe(self, safe_state: SafeState) -> Reports:
+        """Make the robot safe on the open port. If that is lost or missing, open the port again."""
         if self.port is not None:
             try:
                 return await self.make_safe_on(self.port, safe_state)
@@ -93,6 +107,7 @@ class DuplicateDescriptor(StopChannel, Generic[ConfigT, PortT]):
             return self.failed(str(down))
 
     def close(self) -> None:
+        """Close the port. The next ``make_safe`` opens it again."""
         if self.port is not None:
             self.port.close()
             self.port = None
@@ -102,7 +117,8 @@ class ConnectWhenNeeded(StopChannel, Generic[ConfigT, PortT]):
     """Stop by a new connection.
 
     The wire's connection is gone with its process by then, so a controller with one client accepts this
-    one. A host name has to be looked up for it, which takes longer than an address.
+    one. A host name has to be looked up for it, which takes longer than an address. A subclass defines
+    ``connect``, ``make_safe_by`` and ``failed``.
     """
 
     def __init__(self, config: ConfigT, descriptors: Sequence[int], clock: Clock) -> None:
@@ -122,9 +138,11 @@ class ConnectWhenNeeded(StopChannel, Generic[ConfigT, PortT]):
         """Return reports in which no motor is confirmed. ``port`` is the connection, if there was one."""
 
     def release(self, port: PortT) -> None:
+        """Close a connection after its stop."""
         port.close()
 
     async def make_safe(self, safe_state: SafeState) -> Reports:
+        """Connect, make the robot safe, and release the connection."""
         try:
             port = await self.connect()
         except WireDown as down:
@@ -141,8 +159,11 @@ class ConnectWhenNeeded(StopChannel, Generic[ConfigT, PortT]):
 
 
 class WatchedFirmware(ConnectWhenNeeded[ConfigT, WatchT]):
-    """Stop a robot if its firmware stops by itself when the wire process is gone. The channel orders the stop
-    nevertheless, and observes the robot until every motor is safe."""
+    """Stop a robot with firmware that stops by itself when the wire process is gone.
+
+    The channel orders the stop nevertheless, and observes the robot until every motor is safe. A subclass
+    defines ``connect``, ``failed`` and ``CONFIRM_S``, and ``order`` if another client may move the robot.
+    """
 
     CONFIRM_S: ClassVar[float]
     """Longest time of the observation."""
@@ -153,6 +174,7 @@ class WatchedFirmware(ConnectWhenNeeded[ConfigT, WatchT]):
         """Order the stop, in case another client moves the robot. Raise ``WireDown``."""
 
     async def make_safe_by(self, watch: WatchT, safe_state: SafeState) -> Reports:
+        """Order the stop, and observe the robot for ``CONFIRM_S`` at most until every motor is safe."""
         self.order(watch, safe_state)
         reports = watch.look()
         with trio.move_on_after(self.CONFIRM_S):
@@ -163,8 +185,11 @@ class WatchedFirmware(ConnectWhenNeeded[ConfigT, WatchT]):
 
 
 class KeptSession(StopChannel, Generic[ConfigT, PortT]):
-    """Stop by a session that is opened before the wire's link counts as up, and kept open. A lost session
-    is replaced."""
+    """Stop by a session that is opened before the wire's link counts as up, and kept open.
+
+    A lost session is replaced. A subclass defines ``connect``, ``keep_up`` and ``make_safe_by``, and
+    ``has_other_way`` if the robot can be stopped without a session.
+    """
 
     AGAIN_S: ClassVar[float] = 0.2
     """Pause before a lost session is replaced."""
@@ -193,6 +218,13 @@ class KeptSession(StopChannel, Generic[ConfigT, PortT]):
         return False
 
     async def serve(self, task_status: trio.TaskStatus[None] = trio.TASK_STATUS_IGNORED) -> None:
+        """Open a session, keep it up, and replace it ``AGAIN_S`` after it is lost.
+
+        The first ``make_safe`` ends it, so that the session is used for the stop alone.
+
+        Raises:
+            WireDown: The first session cannot be opened, and the robot cannot be stopped without one.
+        """
         is_started = False
         with self._serving:
             try:
@@ -212,6 +244,7 @@ class KeptSession(StopChannel, Generic[ConfigT, PortT]):
             task_status.started()  # It was used for a stop meanwhile.
 
     async def make_safe(self, safe_state: SafeState) -> Reports:
+        """End ``serve`` and make the robot safe by the session, or without one if there is none."""
         self._serving.cancel()
         return await self.make_safe_by(self.session, safe_state)
 
@@ -222,4 +255,5 @@ class KeptSession(StopChannel, Generic[ConfigT, PortT]):
         self.session = session
 
     def close(self) -> None:
+        """Close the session."""
         self.replace(None)

@@ -62,7 +62,7 @@ class StopChild:
 
     @property
     def is_lost(self) -> bool:
-        """Return True if the system reports that the child was killed or is stopped."""
+        """True if the system reports that the child was killed or is stopped."""
         life = life_of(self.process.pid)
         return life.dying or life.stopped or not self.process.alive
 

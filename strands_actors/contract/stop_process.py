@@ -57,11 +57,13 @@ interpreter's lock."""
 
 
 class OwnProcess(StopChannel, Generic[ConfigT]):
-    """Stop by a child process. ``config`` is a msgspec struct, since it is sent to the child."""
+    """Stop by a child process.
+
+    ``config`` is a msgspec struct, since it is sent to the child. A subclass defines ``CHANNEL`` and ``failed``.
+    """
 
     CHANNEL: ClassVar[str]
-    """``module:class`` of the stop channel, made in the child as ``class(config, descriptors,
-    clock)``."""
+    """``module:class`` of the stop channel, made in the child as ``class(config, descriptors, clock)``."""
     READY: ClassVar[int] = 2
     """Children that stand ready, since one may be dead or frozen when it is needed."""
     START_S: ClassVar[float] = 8.0
@@ -91,6 +93,7 @@ class OwnProcess(StopChannel, Generic[ConfigT]):
 
     @property
     def lacks(self) -> str:
+        """Why no stop is possible at once: no child is ready; empty if one is."""
         return "" if self._children else f"no process of {short_name(self.CHANNEL)} is ready to stop the robot"
 
     @property
@@ -99,6 +102,11 @@ class OwnProcess(StopChannel, Generic[ConfigT]):
         return tuple(child.process.pid for child in self._children)
 
     async def serve(self, task_status: trio.TaskStatus[None] = trio.TASK_STATUS_IGNORED) -> None:
+        """Start ``READY`` children, keep them ready, and replace each that is lost.
+
+        Raises:
+            WireDown: One of the first children cannot start.
+        """
         try:
             async with trio.open_nursery() as nursery:
                 async with trio.open_nursery() as beginning:
@@ -132,6 +140,7 @@ class OwnProcess(StopChannel, Generic[ConfigT]):
         return self.failed(why)
 
     def close(self) -> None:
+        """End all children, and close the descriptors."""
         self._closed = True
         children, self._children = self._children, []
         for child in children:
@@ -155,8 +164,11 @@ class OwnProcess(StopChannel, Generic[ConfigT]):
                 await self._begin()
 
     async def _keep_one(self, task_status: trio.TaskStatus[None]) -> None:
-        """Keep a child ready and replace it when it is lost. Raise ``WireDown`` if the first one cannot
-        start."""
+        """Keep a child ready and replace it when it is lost.
+
+        Raises:
+            WireDown: The first one cannot start.
+        """
         child = await self._begin()
         task_status.started()
         while True:
@@ -213,8 +225,10 @@ class OwnProcess(StopChannel, Generic[ConfigT]):
         return StopChild(process, self.CHANNEL, self.clock)
 
     async def _discard(self, child: StopChild) -> None:
-        """Kill a child. The next one can be ordered at once, since a killed process runs no more of its
-        code."""
+        """Kill a child.
+
+        The next one can be ordered at once, since a killed process runs no more of its code.
+        """
         if child not in self._children:
             return  # another task has discarded it
         self._children.remove(child)
@@ -234,6 +248,13 @@ def _first_of(group: BaseExceptionGroup[WireDown]) -> WireDown:
 
 
 def main(args: dict[str, Any], sock: socket.socket) -> None:
+    """Run a child: load its stop channel, and carry out orders until the parent ends.
+
+    Args:
+        args: The names of the channel and of the class of its configuration, that configuration as plain data,
+            the descriptors, and the process id of the parent (``OwnProcess._start``).
+        sock: The socket to the parent.
+    """
     _end_with_parent(args["parent"])
     take_name(short_name(args["channel"]), "stop")
     config = msgspec.convert(args["config"], load(args["config_class"]))
@@ -278,8 +299,10 @@ async def _answer(channel: StopChannel, frames: Frames) -> None:
 
 
 def _end_with_parent(parent: int) -> None:
-    """End with the parent, even if an SDK hangs or keeps the interpreter's lock. Only Linux can do that;
-    elsewhere a hanging child outlives a killed parent."""
+    """End with the parent, even if an SDK hangs or keeps the interpreter's lock.
+
+    Only Linux can do that; elsewhere a hanging child outlives a killed parent.
+    """
     if sys.platform == "linux":
         ctypes.CDLL(None).prctl(_DEATH_SIGNAL, int(signal.SIGKILL))
         if os.getppid() != parent:

@@ -11,24 +11,76 @@ from .driver import Driver
 
 @runtime_checkable
 class HardwareDriver(Protocol):
-    """The members of a driver, without inheritance. A robot that ``Robot`` returns has them, too."""
+    """The members of a driver, without inheritance. A robot that ``Robot`` returns has them, too.
+
+    This package calls ``send_action``, ``stop`` and ``cleanup`` of such a class. It has the other methods itself.
+    """
 
     @property
-    def tool_name(self) -> str: ...
+    def tool_name(self) -> str:
+        """The name of the robot as a tool for agents."""
+        ...
+
     @property
-    def tool_type(self) -> str: ...
+    def tool_type(self) -> str:
+        """The type of the tool for strands-agents. Ours have ``robot``."""
+        ...
+
     @property
-    def tool_spec(self) -> Any: ...
-    def stream(self, tool_use: Any, invocation_state: Any) -> Any: ...
-    def send_action(self, action: Any, robot_name: str | None = None) -> Any: ...
+    def tool_spec(self) -> Any:
+        """The specification of the tool: its name, description and input schema."""
+        ...
+
+    def stream(self, tool_use: Any, invocation_state: Any) -> Any:
+        """Run the verb that an agent requests, and yield the result of the tool.
+
+        Args:
+            tool_use: The request of the agent, with the input of the tool.
+            invocation_state: The state of the agent's invocation.
+        """
+        ...
+
+    def send_action(self, action: Any, robot_name: str | None = None) -> Any:
+        """Send one setpoint to the robot.
+
+        Args:
+            action: Target by joint, in the driver's units.
+            robot_name: The robot that the command is meant for; None for this one.
+        """
+        ...
+
     def run_policy(
         self, policy: Any, instruction: str = "", duration: float = 30.0, n_steps: int | None = None
-    ) -> Any: ...
-    def get_task_status(self) -> Any: ...
-    def stop_task(self) -> Any: ...
-    def get_status(self) -> Any: ...
-    def stop(self) -> Any: ...
-    def cleanup(self) -> Any: ...
+    ) -> Any:
+        """Run a policy object on the robot.
+
+        Args:
+            policy: The policy.
+            instruction: The text for the policy.
+            duration: Longest time of the run, in seconds.
+            n_steps: Number of actions after which the run ends; None for no such end.
+        """
+        ...
+
+    def get_task_status(self) -> Any:
+        """Return the status of the policy that runs, or of the last one."""
+        ...
+
+    def stop_task(self) -> Any:
+        """End the policy that runs."""
+        ...
+
+    def get_status(self) -> Any:
+        """Return the status of the robot."""
+        ...
+
+    def stop(self) -> Any:
+        """Stop the robot at once."""
+        ...
+
+    def cleanup(self) -> Any:
+        """Make the robot safe, and release everything that the driver uses."""
+        ...
 
 
 PARAMETERS: Mapping[str, tuple[str, ...]] = {

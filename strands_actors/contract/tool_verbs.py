@@ -19,7 +19,9 @@ Schema = Mapping[str, Any]
 
 
 class ToolVerb(msgspec.Struct, frozen=True):
-    """One verb. ``does`` is one of:
+    """One verb of a robot.
+
+    ``does`` is one of these:
 
     ``status``   the result of ``get_status()``
     ``sensors``  positions, sensors and faults, with their age

@@ -71,8 +71,10 @@ class Permit(Protocol):
 
 
 class PermitDenied(Exception):
-    """The setpoint must not be written any more. This is no error of the wire; the transport
-    catches it."""
+    """The setpoint must not be written any more.
+
+    This is no error of the wire; the transport catches it.
+    """
 
 
 class WireDown(Exception):
@@ -116,8 +118,9 @@ class Wire(ABC):
 
     @abstractmethod
     async def arm(self, permit: Permit) -> Observation:
-        """Energise the robot without a jump: write the measured position as the goal, then switch on
-        torque.
+        """Energise the robot without a jump.
+
+        Write the measured position as the goal, then switch on torque.
 
         Args:
             permit: Call ``permit.check()`` before each motor is energised.
@@ -164,8 +167,10 @@ class Wire(ABC):
 
     @property
     def prompt(self) -> bool:
-        """True if ``read`` and ``write`` return without waiting now, as a wire of datagrams does. The
-        transport then calls them without a task switch."""
+        """True if ``read`` and ``write`` return without waiting now, as a wire of datagrams does.
+
+        The transport then calls them without a task switch.
+        """
         return False
 
     @abstractmethod
@@ -244,14 +249,18 @@ class StopChannel(ABC):
 
     @property
     def hosts(self) -> Sequence[str]:
-        """The hosts that ``make_safe`` connects to, by name or address. They are looked up before anything
-        is energised."""
+        """The hosts that ``make_safe`` connects to, by name or address.
+
+        They are looked up before anything is energised.
+        """
         return ()
 
     @property
     def lacks(self) -> str:
-        """Why the channel is not ready for a stop, after ``serve`` has started; empty if it is. While the
-        root's channel lacks something, nothing is armed."""
+        """Why the channel is not ready for a stop, after ``serve`` has started; empty if it is.
+
+        While the root's channel lacks something, nothing is armed.
+        """
         return ""
 
     async def serve(self, task_status: trio.TaskStatus[None] = trio.TASK_STATUS_IGNORED) -> None:
@@ -270,7 +279,7 @@ class StopChannel(ABC):
 
     @abstractmethod
     async def make_safe(self, safe_state: SafeState) -> tuple[MotorReport, ...]:
-        """As ``Wire.make_safe``."""
+        """Bring every motor to a safe state, as ``Wire.make_safe``. Never raises."""
 
     @abstractmethod
     def close(self) -> None:

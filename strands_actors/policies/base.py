@@ -41,16 +41,16 @@ class Policy(ABC):
     @property
     @abstractmethod
     def provider_name(self) -> str:
-        """Return the name of the policy."""
+        """The name of the policy."""
 
     @property
     def requires_images(self) -> bool:
-        """Return True if it needs pictures in addition to positions. Only ``lerobot_local`` gets them."""
+        """True if it needs pictures in addition to positions. Only ``lerobot_local`` gets them."""
         return True
 
     @property
     def execution_horizon(self) -> int:
-        """Return how many actions of a chunk are executed, if chunks are blended."""
+        """The number of actions of a chunk that are executed, if chunks are blended."""
         return 1
 
     @abstractmethod

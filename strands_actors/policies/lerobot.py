@@ -119,7 +119,14 @@ class LerobotLocal:
         self._steps = 1 if remembers else int(getattr(config, "n_action_steps", 1))
 
     def reset(self, seed: int | None = None) -> None:
-        """Forget observations and plans, and wait for the first pictures. Raise ``StaleFrame`` without."""
+        """Forget observations and plans, and wait for the first pictures.
+
+        Args:
+            seed: No effect.
+
+        Raises:
+            StaleFrame: No picture of a camera has come within ``FIRST_PICTURE_S``.
+        """
         for part in (self._policy, self._into, self._out_of):
             part.reset()
         self._rest, self._handed_out, self._left = None, 0, 0
@@ -127,18 +134,20 @@ class LerobotLocal:
             eye.wait()
 
     def actions_left(self, count: int) -> None:
-        """Set the number of returned actions that are not executed yet. They will be executed before the next
-        ones."""
+        """Set the number of returned actions that are not executed yet.
+
+        They will be executed before the next ones.
+        """
         self._left = count
 
     def get_actions_sync(
         self, observation: Mapping[str, float], instruction: str, **_: Any
     ) -> list[dict[str, float]]:
-        """Return the next ``n_action_steps`` actions.
+        """Return the next ``n_action_steps`` actions, or at most ``execution_horizon`` with ``rtc``.
 
-        As lerobot's own control loop, it calls ``select_action``, which runs the model once and then returns
-        its plan step by step. ``predict_action_chunk`` would not do: some policies then read queues that
-        only ``select_action`` fills.
+        Without ``rtc`` it calls ``select_action``, as lerobot's own control loop does. That runs the model once
+        and then returns its plan step by step. ``predict_action_chunk`` would not do: some policies then read
+        queues that only ``select_action`` fills.
         """
         import numpy as np
 
@@ -152,8 +161,10 @@ class LerobotLocal:
         return [self._named(self._policy.select_action(dict(batch))) for _ in range(self._steps)]
 
     def _blended(self, batch: Any) -> list[dict[str, float]]:
-        """Return the actions after those that are not executed yet. The new chunk begins now, with the pending
-        actions, so these are left out."""
+        """Return the actions after those that are not executed yet.
+
+        The new chunk begins now, with the pending actions, so these are left out.
+        """
         left = min(self._left, self._handed_out)
         rest = None if self._rest is None else self._rest[self._handed_out - left :]
         chunk = self._policy.predict_action_chunk(dict(batch), inference_delay=left, prev_chunk_left_over=rest)
@@ -200,7 +211,12 @@ class Eye:
         self.look()
 
     def look(self) -> Any:
-        """Return the newest picture. Raise ``StaleFrame`` if it is too old."""
+        """Return the newest picture: height, width, colours.
+
+        Raises:
+            StaleFrame: It is too old.
+            ValueError: It has another size than the checkpoint expects.
+        """
         from strands_actors.surfaces.cameras import Stale, StaleFrame
 
         newest = self._reader.newest()
@@ -221,8 +237,11 @@ class Eye:
 
 
 def _eyes(config: Any, robot: str, cameras: Sequence[str], rename_map: Mapping[str, str], folder: str) -> list[Eye]:
-    """Return a camera for each picture that the checkpoint needs. Raise ``ValueError`` if the robot has no such
-    camera."""
+    """Return a camera for each picture that the checkpoint needs.
+
+    Raises:
+        ValueError: The robot has no such camera.
+    """
     features = dict(config.image_features or {})
     if not features:
         return []
@@ -299,8 +318,16 @@ def _scale(axes: Sequence[str], units: str, unit: str, travel: Mapping[str, Sequ
 
 
 def _check(config: Any, axes: Sequence[str], folder: str) -> None:
-    """Raise ``ValueError`` if the inputs or outputs of a checkpoint (lerobot's ``PreTrainedConfig``) do not fit
-    these axes."""
+    """Check that the inputs and outputs of a checkpoint fit these axes.
+
+    Args:
+        config: lerobot's ``PreTrainedConfig``.
+        axes: Names of the robot's axes, in order.
+        folder: The checkpoint's folder, for the text of an exception.
+
+    Raises:
+        ValueError: They do not.
+    """
     inputs = config.input_features or {}
     if others := sorted(set(inputs) - {STATE} - set(config.image_features or {})):
         raise ValueError(

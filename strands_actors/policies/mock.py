@@ -48,14 +48,17 @@ class MockPolicy(Policy):
 
     @property
     def provider_name(self) -> str:
+        """The name of the policy, ``mock``."""
         return "mock"
 
     @property
     def requires_images(self) -> bool:
+        """False, since it uses positions only."""
         return False
 
     @property
     def execution_horizon(self) -> int:
+        """The number of actions of a chunk, ``CHUNK``."""
         return self.CHUNK
 
     def reset(self, seed: int | None = None) -> None:
@@ -72,9 +75,15 @@ class MockPolicy(Policy):
         self._table = axes
 
     async def get_actions(self, observation_dict: Mapping[str, Any], instruction: str, **more: Any) -> list[Action]:
+        """Return the next ``CHUNK`` actions, as ``get_actions_sync``."""
         return self.get_actions_sync(observation_dict, instruction)
 
     def get_actions_sync(self, observation_dict: Mapping[str, Any], instruction: str, **more: Any) -> list[Action]:
+        """Return the next ``CHUNK`` actions.
+
+        The first call, and the first after ``reset``, takes the observed positions as the beginning of the waves.
+        Later calls do not read ``observation_dict``.
+        """
         if not self._center:
             self._center = {axis: observation_dict[axis] for axis in self.robot_state_keys or observation_dict}
             hz = [_hz(j) for j in range(len(self._table))]

@@ -94,8 +94,11 @@ def register_policy(name: str, loader: Loader, aliases: Iterable[str] = (), *, o
 
 
 def registered_class(name: str) -> type[Any] | None:
-    """Return the class that was registered under this name; None for any other name. Raise ``ValueError`` if
-    its loader does not return a class."""
+    """Return the class that was registered under this name; None for any other name.
+
+    Raises:
+        ValueError: Its loader does not return a class.
+    """
     loader = _registered.get(_aliases.get(name, name))
     if loader is None:
         return None

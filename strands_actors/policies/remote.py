@@ -57,6 +57,7 @@ class Remote(Policy):
         ConnectionError: The server cannot be reached, closes, or sends a wrong message. Its methods raise
             it, too.
         TimeoutError: The server does not answer in time. Its methods raise it, too.
+        ValueError: The encoding is unknown.
     """
 
     def __init__(
@@ -95,18 +96,22 @@ class Remote(Policy):
 
     @property
     def provider_name(self) -> str:
+        """The name of the policy, ``remote``."""
         return "remote"
 
     @property
     def requires_images(self) -> bool:
+        """True if the policy of the server needs pictures. False with our protocol."""
         return self._facts.requires_images
 
     @property
     def supports_rtc(self) -> bool:  # type: ignore[override]  # of the policy at the other end
+        """True if the policy of the server blends its chunks. False with our protocol."""
         return self._facts.supports_rtc
 
     @property
     def execution_horizon(self) -> int:
+        """The number of actions of a chunk that are executed, as the server reports it. 1 with our protocol."""
         return self._facts.execution_horizon
 
     @property
@@ -114,20 +119,32 @@ class Remote(Policy):
         return self._talk.facts if isinstance(self._talk, JsonV1) else Facts()
 
     def set_robot_state_keys(self, robot_state_keys: Sequence[str]) -> None:
+        """Set the joints that the policy controls. They are sent now, or with each request of our protocol."""
         super().set_robot_state_keys(robot_state_keys)
         self._tell("keys", self.robot_state_keys)
 
     def set_control_frequency(self, hz: float) -> None:
+        """Set the rate at which the actions are executed (Hz). It is sent as the joints are."""
         self._hz = hz
         self._tell("hz", hz)
 
     def reset(self, seed: int | None = None) -> None:
+        """Let the server forget everything from an earlier run. Our protocol has no message for that."""
         self._tell("reset", seed)
 
     async def get_actions(self, observation_dict: Mapping[str, Any], instruction: str, **more: Any) -> list[Action]:
+        """As ``get_actions_sync``. It blocks the event loop until the response is here."""
         return self.get_actions_sync(observation_dict, instruction)
 
     def get_actions_sync(self, observation_dict: Mapping[str, Any], instruction: str, **more: Any) -> list[Action]:
+        """Request the next chunk from the server, and return it.
+
+        If a greeting comes in place of the first response, the request is sent again in the other protocol.
+
+        Raises:
+            ConnectionError: The connection is lost, or the response is wrong or an error.
+            TimeoutError: No response has come within ``timeout_s``.
+        """
         answer = self._ask(self._talk.request(observation_dict, instruction))
         if self._may_greet:
             self._may_greet = False
@@ -231,37 +248,46 @@ class RemotePolicy(Policy):
 
     @property
     def provider_name(self) -> str:
+        """The name of the policy, ``remote``."""
         return "remote"
 
     @property
     def requires_images(self) -> bool:
+        """As ``Remote.requires_images``. It connects first."""
         return self._remote.requires_images
 
     @property
     def supports_rtc(self) -> bool:  # type: ignore[override]  # of the policy at the other end
+        """As ``Remote.supports_rtc``. It connects first."""
         return self._remote.supports_rtc
 
     @property
     def execution_horizon(self) -> int:
+        """As ``Remote.execution_horizon``. It connects first."""
         return self._remote.execution_horizon
 
     def set_robot_state_keys(self, robot_state_keys: Sequence[str]) -> None:
+        """Set the joints that the policy controls. They are sent now, or when it connects."""
         super().set_robot_state_keys(robot_state_keys)
         if self._connected is not None:
             self._connected.set_robot_state_keys(robot_state_keys)
 
     def set_control_frequency(self, hz: float) -> None:
+        """Set the rate at which the actions are executed (Hz). It is sent now, or when it connects."""
         self._hz = hz
         if self._connected is not None:
             self._connected.set_control_frequency(hz)
 
     def reset(self, seed: int | None = None) -> None:
+        """As ``Remote.reset``. It connects first."""
         self._remote.reset(seed)
 
     async def get_actions(self, observation_dict: Mapping[str, Any], instruction: str, **more: Any) -> list[Action]:
+        """As ``get_actions_sync``, in a worker thread, so that the event loop goes on."""
         import asyncio
 
         return await asyncio.to_thread(self.get_actions_sync, observation_dict, instruction)
 
     def get_actions_sync(self, observation_dict: Mapping[str, Any], instruction: str, **more: Any) -> list[Action]:
+        """As ``Remote.get_actions_sync``. It connects first."""
         return self._remote.get_actions_sync(observation_dict, instruction)

@@ -43,14 +43,20 @@ class Ready(msgspec.Struct, tag="ready", tag_field="type"):
 
 
 class Ok(msgspec.Struct, tag="ok", tag_field="type"):
+    """The response of ``JsonV1`` to an accepted setting, with the properties of the policy if they are sent."""
+
     metadata: Facts | None = None
 
 
 class Actions(msgspec.Struct, tag="actions", tag_field="type"):
+    """The response of ``JsonV1`` to a request for a chunk."""
+
     actions: list[dict[str, Any]]
 
 
 class Failure(msgspec.Struct, tag="error", tag_field="type"):
+    """The response of ``JsonV1`` to any request that failed, with the reason."""
+
     error: str
 
 
@@ -63,12 +69,14 @@ class Talk(Protocol):
     is_text: bool
 
     def tell(self, what: str, value: Any) -> bytes | None:
-        """Return the message for a setting, which the server will answer. None if the next request carries
-        the setting.
+        """Return the message for a setting, which the server will answer.
 
         Args:
             what: ``keys``, ``hz`` or ``reset``.
-            value: Its value.
+            value: The names of the joints, the actions per second, or the seed.
+
+        Returns:
+            The encoded message; None if the next request carries the setting.
         """
         ...
 
@@ -82,6 +90,12 @@ class Talk(Protocol):
 
 
 class Chunks:
+    """Our protocol, which has no messages for settings: each request carries them.
+
+    Args:
+        encoding: ``msgpack`` or ``json``.
+    """
+
     def __init__(self, encoding: str) -> None:
         self._codec = CODECS[encoding]
         self.is_text = encoding == "json"
@@ -89,18 +103,25 @@ class Chunks:
         self._hz = 0.0
 
     def tell(self, what: str, value: Any) -> None:
+        """Keep a setting for the next requests. ``reset`` has no effect, since no request carries it."""
         if what == "keys":
             self._keys = list(value)
         elif what == "hz":
             self._hz = value
 
     def request(self, observation: Mapping[str, float], instruction: str) -> bytes:
+        """Return the request for a chunk, with the names of the joints and the control rate (Hz)."""
         encoded: bytes = self._codec.encode(
             {"observation": dict(observation), "instruction": instruction, "axes": self._keys, "hz": self._hz}
         )
         return encoded
 
     def chunk(self, answer: bytes | str) -> list[dict[str, Any]]:
+        """Return the actions of a response.
+
+        Raises:
+            Misunderstood: It is no chunk, or the server reports an error.
+        """
         try:
             chunk: Chunk = self._codec.decode(answer, type=Chunk)
         except msgspec.DecodeError as error:
@@ -111,12 +132,19 @@ class Chunks:
 
 
 class JsonV1:
+    """The protocol of strands-robots, version 1. Each setting is a message that the server answers.
+
+    Args:
+        facts: The properties of the policy, from the greeting. A later ``Ok`` may replace them.
+    """
+
     is_text = True
 
     def __init__(self, facts: Facts) -> None:
         self.facts = facts
 
     def tell(self, what: str, value: Any) -> bytes:
+        """Return the message for a setting. ``done`` reads the response to it."""
         named = {
             "keys": {"type": "set_state_keys", "keys": value},
             "hz": {"type": "set_control_frequency", "hz": value},
@@ -125,6 +153,7 @@ class JsonV1:
         return msgspec.json.encode(named[what])
 
     def request(self, observation: Mapping[str, float], instruction: str) -> bytes:
+        """Return the request for a chunk, ``get_actions``."""
         asked = {"observation": dict(observation), "instruction": instruction}
         return msgspec.json.encode({"type": "get_actions", **asked, "rtc_observed_delay_steps": None, "kwargs": {}})
 
@@ -137,6 +166,11 @@ class JsonV1:
             self.facts = checked(response.metadata)
 
     def chunk(self, answer: bytes | str) -> list[dict[str, Any]]:
+        """Return the actions of a response.
+
+        Raises:
+            Misunderstood: It has no actions, or the server reports an error.
+        """
         found = _understood(answer)
         if not isinstance(found, Actions):
             raise Misunderstood(f"answered {type(found).__name__.lower()} where actions were due")
@@ -144,8 +178,11 @@ class JsonV1:
 
 
 def greeting(message: bytes | str) -> JsonV1 | None:
-    """Return the protocol of a server that sent this greeting; None if the message is not a greeting. Raise
-    ``Misunderstood`` for another version."""
+    """Return the protocol of a server that sent this greeting; None if the message is not a greeting.
+
+    Raises:
+        Misunderstood: The server has another version of the protocol, or reports a horizon below 1.
+    """
     try:
         response = _ANSWER.decode(message)
     except msgspec.DecodeError:

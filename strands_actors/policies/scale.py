@@ -15,8 +15,9 @@ GRIPPER = "gripper"
 
 
 class Scale:
-    """Convert between the driver's units and LeRobot's scale, -100..100 (the gripper 0..100). Values outside the
-    range are limited to it.
+    """Convert between the driver's units and LeRobot's scale, -100..100 (the gripper 0..100).
+
+    Values outside the range are limited to it.
 
     Args:
         axes: Names of the axes.
@@ -35,10 +36,12 @@ class Scale:
         self._ranges = [(0.0 if axis == GRIPPER else -100.0, *travel[axis]) for axis in axes]
 
     def to_lerobot(self, values: Sequence[float]) -> list[float]:
+        """Return values on LeRobot's scale from values in the driver's units, in the order of the axes."""
         rows = zip(values, self._ranges, strict=True)
         return [_onto(value, low, high, least, 100.0) for value, (least, low, high) in rows]
 
     def from_lerobot(self, values: Sequence[float]) -> list[float]:
+        """Return values in the driver's units from values on LeRobot's scale, in the order of the axes."""
         rows = zip(values, self._ranges, strict=True)
         return [_onto(value, least, 100.0, low, high) for value, (least, low, high) in rows]
 
