@@ -138,7 +138,7 @@ class ConnectWhenNeeded(StopChannel, Generic[ConfigT, PortT]):
         """Return reports in which no motor is confirmed. ``port`` is the connection, if there was one."""
 
     def release(self, port: PortT) -> None:
-        """Close a connection after its stop."""
+        """Close a connection after its stop. This must not raise, since ``make_safe`` never does."""
         port.close()
 
     async def make_safe(self, safe_state: SafeState) -> Reports:
