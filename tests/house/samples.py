@@ -7,6 +7,7 @@ means. At least 47 of each fifty should be right at the first reading.
 from __future__ import annotations
 
 import ast
+import functools
 import io
 import random
 import re
@@ -68,8 +69,9 @@ def sentences(path: Path, page: str) -> Iterator[str]:
             yield f"{path}: {sentence}"
 
 
-def drawn(seed: int = SEED) -> dict[str, list[str]]:
-    """Return ``COUNT`` texts of each kind. The same seed draws the same places of the same source."""
+@functools.cache
+def texts() -> dict[str, list[str]]:
+    """Return all texts of each kind that are long enough."""
     found: dict[str, list[str]] = {"docstrings": [], "comments": [], "messages": [], "sentences": []}
     for file in files():
         path, source = file.relative_to(ROOT), file.read_text()
@@ -80,15 +82,19 @@ def drawn(seed: int = SEED) -> dict[str, list[str]]:
         found["docstrings"] += docstrings(path, tree)
         found["comments"] += comments(path, source)
         found["messages"] += messages(path, tree)
+    return {kind: [text for text in all_of_it if len(text.split()) > WORDS] for kind, all_of_it in found.items()}
+
+
+def drawn(seed: int = SEED) -> dict[str, list[str]]:
+    """Return ``COUNT`` texts of each kind. The same seed draws the same places of the same source."""
     chosen = random.Random(seed)
-    long = {kind: [text for text in texts if len(text.split()) > WORDS] for kind, texts in found.items()}
-    return {kind: chosen.sample(texts, COUNT) for kind, texts in long.items()}
+    return {kind: chosen.sample(all_of_it, COUNT) for kind, all_of_it in texts().items()}
 
 
 def main() -> None:
-    for kind, texts in drawn(int(sys.argv[1]) if sys.argv[1:] else SEED).items():
+    for kind, chosen in drawn(int(sys.argv[1]) if sys.argv[1:] else SEED).items():
         print(f"\n# {kind}\n")
-        for number, text in enumerate(texts, 1):
+        for number, text in enumerate(chosen, 1):
             print(textwrap.indent(f"{number}. {text}", "   ").lstrip() + "\n")
 
 

@@ -12,9 +12,10 @@ import numpy as np
 import pytest
 
 from strands_actors import Robot
+from strands_actors.drivers.common.physics import isaac_solver
 from strands_actors.drivers.common.physics.isaac_solver import IsaacSolver
 from strands_actors.drivers.common.physics.lean_mujoco import mujoco
-from strands_actors.drivers.common.physics.physics import Plant, isaac_solver
+from strands_actors.drivers.common.physics.physics import Plant
 from strands_actors.drivers.feetech.robots import TABLES
 from tests.answers import json_of, until, why
 

@@ -121,8 +121,8 @@ def test_connect_observe_act_refuse_stop_resume(tmp_path: Path, monkeypatch: pyt
         asked = len(log.host("setpoint"))
         assert "is past 85" in why(robot.send_action({"aperture_mm": 86}))
         assert "are both given" in why(robot.send_action({"gripper": 0.5, "position": 42.5}))
-        assert "runs no policy" in why(robot.run_policy(lambda observation: {"gripper": 0.1}))
-        assert "runs no policy" in why(robot.start_task("grip"))
+        assert "runs no separate policy" in why(robot.run_policy(lambda observation: {"gripper": 0.1}))
+        assert "runs no separate policy" in why(robot.start_task("grip"))
         before_ns = time.monotonic_ns()
         assert len([entry for entry in log.host("setpoint") if entry.t_ns < before_ns]) - asked <= 1  # a re-send
 

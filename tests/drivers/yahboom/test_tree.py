@@ -243,7 +243,7 @@ def test_saf_014_refusals_write_nothing(m3: RealRobot, twin: Twin) -> None:
 
 
 def test_a_policy_is_refused_and_told_why(m3: RealRobot) -> None:
-    assert "does not report where its arm is" in why(m3.run_policy(lambda seen: {"linear.x": 0.1}, duration=1.0))
+    assert "does not report its arm's position" in why(m3.run_policy(lambda seen: {"linear.x": 0.1}, duration=1.0))
 
 
 def test_sensors(m3: RealRobot) -> None:
