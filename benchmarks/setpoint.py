@@ -32,8 +32,8 @@ anything. On a UR the p99 comes from waking up again, of a process and of a thre
 slowest of 1800 waited for the repeated setpoint before them, and a third of the repetitions changed nothing.
 
 `a process with the SDK` is the cost of any robot that is read, or fed, by a process that outlives the script,
-without gates, leases and deadlines. On Feetech's bus its p99 is like ours, or far behind it. On a UR it took 0.44
-to 1.15 of the goal's limit in twelve rounds, and ours 0.64 to 1.29, with all the functions that it lacks. The
+without gates, leases and deadlines. On Feetech's bus its p99 is like ours, or far behind it. On a UR its p99 was
+0.44 to 1.15 of the goal's limit in twelve rounds. Ours was 0.64 to 1.29, with gates, leases and deadlines. The
 benefit: the caller can be killed, frozen or computing, and the wire still shows the safe state. `late` is the
 p99; for the reference it is its p99 plus the millisecond that the goal allows.""",
     ground="a process with the SDK",

@@ -42,7 +42,7 @@ class StopDeadlines(NamedTuple):
 
         Args:
             safe_s: ``Timing.safe_s``.
-            late_s: ``Driver.late_s``. ``attempt_s`` and ``own_stop_s`` are without it.
+            late_s: ``Driver.late_s``. The results ``attempt_s`` and ``own_stop_s`` do not include it.
         """
         settled_s = settle_s(safe_s, late_s)
         attempt_s = safe_s + ROOM_S

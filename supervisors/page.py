@@ -41,7 +41,7 @@ class Owed:
         self._ordered = Word(page, _ORDERED)  # a severity; 0 without an order, or for the mildest state
         self._stopped = Word(page, _STOPPED)
         self._wire_pid = Word(page, _WIRE_PID)
-        # Negative: a request is running, and may take effect so long after a cut-off.
+        # Negative: a request is running. If it is cut off, it may take effect for that many nanoseconds more.
         # Positive: a request was cut off, and may take effect until this time. 0: neither.
         self._late = Word(page, _LATE)
 

@@ -185,7 +185,7 @@ def main(who: str, length: str) -> None:
         finally:
             listener.kill()
     print(json.dumps(figures), flush=True)
-    os._exit(0)  # the trees notice it and end
+    os._exit(0)  # the trees notice the end of their caller, and end
 
 
 def ask(listener: subprocess.Popen[str], line: str = "") -> str:

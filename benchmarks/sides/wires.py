@@ -168,7 +168,7 @@ def _quietly(call: Callable[[], object]) -> Callable[[], None]:
 
 
 def stop_once(hand: Hand, log: Log, number: int) -> float | None:
-    """Return the milliseconds from a stop to its frame; None if the robot was made safe before the call."""
+    """Return the milliseconds from a stop to its first frame on the wire; None if the robot was already safe."""
     thread = moving(hand, number)
     began_ns = time.monotonic_ns()
     hand.stop()

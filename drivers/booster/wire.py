@@ -342,7 +342,7 @@ class BoosterWire(PromptSessionWire[BoosterSession]):
         permit.check()
         session.twist.begin(self._clock.now_ns() + round(TWIST_S * NS))
         answer = await self._ask(session, Api.MOVE, rpc.move(vx, vy, vyaw), permit)
-        # The twist gets its end with any answer, since the robot may walk in spite of it, or later.
+        # Set the end of the twist for any answer, because after a refusal, too, the robot may walk, now or later.
         return _refused("move", answer) or {"vx": vx, "vy": vy, "vyaw": vyaw, "for_s": TWIST_S}
 
     async def _change_mode(self, session: BoosterSession, mode: Mode, permit: Permit) -> dict[str, Any] | Refused:

@@ -1,8 +1,8 @@
 """Simulate the daemon: its REST and WebSocket service with a robot behind it.
 
 As daemon 1.13.0 it accepts any number, reports success with the motors off, ignores targets and further moves
-while one is played, and does not answer messages on ``/ws/sdk``. A move that is begun there is in no list. The
-twin plays no sound and sees no face.
+while one is played, and does not answer messages on ``/ws/sdk``. Its list of moves has none that began over
+``/ws/sdk``. The twin plays no sound and sees no face.
 """
 
 from __future__ import annotations

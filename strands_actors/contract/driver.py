@@ -468,7 +468,7 @@ class Driver(ABC):
         return dict(zip(self.axes, values, strict=True))
 
     def experimental(self, way: str) -> str:
-        """Return the warning for a way in ``EXPERIMENTAL``."""
+        """Return the warning for a transport in ``EXPERIMENTAL``."""
         return f"{way} is experimental: {self.EXPERIMENTAL[way]}"
 
     def observed(self, observation: Observation) -> dict[str, float]:

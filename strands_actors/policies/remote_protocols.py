@@ -195,7 +195,7 @@ def greeting(message: bytes | str) -> JsonV1 | None:
 
 
 def checked(facts: Facts) -> Facts:
-    """Return the facts. Raise ``Misunderstood`` for a horizon below 1."""
+    """Return the server's description of its policy. Raise ``Misunderstood`` for a horizon below 1."""
     if facts.execution_horizon < 1:
         raise Misunderstood(f"advertises execution_horizon {facts.execution_horizon}. it is at least 1")
     return facts

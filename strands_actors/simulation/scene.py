@@ -100,7 +100,7 @@ def placement(position: object, orientation: object) -> dict[str, Any] | None:
 
 
 def turned(orientation: object) -> tuple[float, ...]:
-    """Return a quaternion w, x, y, z; upright for None. Raise ``ValueError``."""
+    """Return an orientation as a quaternion w, x, y, z; None means upright. Raise ``ValueError``."""
     quat = _row("orientation", orientation, UPRIGHT)
     if not math.hypot(*quat) > 1e-6:
         raise ValueError(f"orientation is {orientation!r}. give a quaternion w, x, y, z that is not zero")

@@ -89,7 +89,7 @@ class Unattended:
 
 
 def _in_degrees(made: Any) -> None:
-    """Set the joints of a servo bus to degrees."""
+    """Make a servo bus of LeRobot report its joints in degrees instead of shares of the calibrated range."""
     for motor in getattr(getattr(made, "bus", None), "motors", {}).values():
         modes = type(motor.norm_mode)
         if motor.norm_mode is modes.RANGE_M100_100:

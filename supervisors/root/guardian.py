@@ -497,7 +497,7 @@ class Guardian(Actor):
         async with trio.open_nursery() as nursery:
             if self.channels.own is not None and guarded.alive and self._broken.is_set():
                 nursery.start_soon(attempt, self.channels.own, self._driver, self._wanted())
-                for _ in range(2):  # The attempt has then run up to its first wait: the frame left.
+                for _ in range(2):  # By then the attempt has run to its first wait, so its frame was sent.
                     await trio.lowlevel.checkpoint()
             fenced = await self._fenced(guarded)
             nursery.cancel_scope.cancel()

@@ -241,8 +241,8 @@ class ServerEnd(_End):
 
         Args:
             max_message: Most bytes of one message.
-            keeps_early: True if frames in one read with the upgrade count. tornado (rosbridge) keeps
-                them, uvicorn drops them.
+            keeps_early: True if the server keeps frames that arrive together with the upgrade request. tornado
+                (rosbridge) keeps them, uvicorn drops them.
         """
         super().__init__(ConnectionType.SERVER, max_message)
         self._head = b""  # the upgrade, until it is complete

@@ -59,7 +59,7 @@ class Controls(Protocol):
 
 
 class Robot(TwinSession, Controls, Protocol):
-    """The interface of a wire's twin to the server, for a robot with a single client."""
+    """The methods that a twin provides to its server, for a robot with a single client."""
 
 
 class Frost:

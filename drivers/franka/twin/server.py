@@ -140,7 +140,7 @@ class FrankaServer(TcpServer):
                     connection.heard(t_ns, KINDS.get(name, "config" if name != "?" else "other"), message.raw)
                     self._obey(connection, name, message)
         except MalformedFrame:
-            raise ClientGone from None  # A server closes the connection when it cannot decode it.
+            raise ClientGone from None  # A real server closes a connection with a request that it cannot decode.
         finally:
             self._listeners_of_state.pop(connection, None)
             if self._mover is connection:

@@ -286,7 +286,8 @@ class RobotTree:
     async def _stopped(self, stop: Stop, answer: Message | None) -> StopResult:
         """Return the result of a stop, after a fence if the gate has not stopped the robot.
 
-        A refusal has stopped nothing: the gate is gone, has crashed, or its queue is full. For a robot of
+        The gate refuses a stop only if it has ended, has crashed, or its queue is full; then the robot is not
+        stopped. For a robot of
         another host a refusal is the result, since this host cannot fence its wire.
 
         Args:
