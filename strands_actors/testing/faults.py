@@ -166,13 +166,13 @@ def cells_of(driver: Driver, roles: Iterable[str] = ()) -> Iterator[Cell]:
 
 def _why_not(driver: Driver, victim: str, fault: Faults) -> str:
     if is_bystander(victim):
-        return "" if fault in BYSTANDER_FAULTS else "nothing in it can be asked for this fault"
+        return "" if fault in BYSTANDER_FAULTS else "this process offers no way to cause the fault"
     if victim is Victims.TWIN:
         if fault is Faults.KILL:
             return "no robot is left to read a safe frame"
-        return "" if fault in ROBOT_FAULTS else "the robot is no process of ours: freeze stands for it"
+        return "" if fault in ROBOT_FAULTS else "the robot runs outside the tree (see freeze)"
     if fault not in PROCESS_FAULTS:
-        return "a fault of the robot's end of the wire"
+        return "only the robot can have this fault"
     if victim is Victims.POLICY and (driver.ROLLOUTS or driver.TASKS):
         return driver.ROLLOUTS or driver.TASKS
     return ""

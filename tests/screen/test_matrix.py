@@ -266,7 +266,7 @@ def test_a_process_that_waits_for_a_processor_is_seen_to() -> None:
 def test_the_page_shows_figures_reasons_and_conditions() -> None:
     rows = [
         summary("so101", WIRE_KILL, [outcome(7.0), outcome(9.0)]),
-        Row("so101", "caller", "garbage", "a fault of the robot's end of the wire"),
+        Row("so101", "caller", "garbage", "only the robot can have this fault"),
     ]
     trials = some_trials(outcome(7.0), outcome(9.0))
 
@@ -275,7 +275,7 @@ def test_the_page_shows_figures_reasons_and_conditions() -> None:
 
     text = shown(*rows)
     assert "| wire | kill | limp | 8.0 | 9.0 | 50 | 0 | 2 | 0 | SAF-003 |" in text
-    assert "* caller: garbage: a fault of the robot's end of the wire." in text
+    assert "* caller: garbage: only the robot can have this fault." in text
     assert "1 robots, 1 cells, 2 trials, at least 2 a cell, 0 setpoints after a safe frame: every one safe" in text
     for key in ("date", "machine", "load", "python", "strands-actors", "jobs", "trials"):
         assert f"{key}: " in text
