@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Mapping
+from pathlib import Path
 from typing import Any, TypeVar
 
 T = TypeVar("T")
@@ -77,3 +78,11 @@ def pids(arm: Any) -> dict[str, int]:
     """Return the process ids of the robot's tree by role; empty if it has no tree."""
     tree = arm.tree()
     return {} if tree is None else {process["role"]: process["pid"] for process in tree["processes"]}
+
+
+def alive(pid: int) -> bool:
+    """Return whether a process exists and is not a zombie. It may end between opening and reading its file."""
+    try:
+        return Path(f"/proc/{pid}/stat").read_bytes().rpartition(b")")[2].split()[0] != b"Z"
+    except OSError:
+        return False

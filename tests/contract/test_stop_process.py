@@ -20,6 +20,7 @@ from strands_actors.contract import MotorReport, OwnProcess, SafeState, WireDown
 from strands_actors.contract.stop_orders import Answer, Frames, StopChild
 from strands_actors.kernel.clock import MonotonicClock
 from strands_actors.kernel.health.realtime import may_run_first
+from tests.answers import alive
 from tests.contract.vendor import VendorConfig
 
 AXES = ("a", "b")
@@ -69,14 +70,6 @@ async def gone(pid: int) -> None:
     with trio.fail_after(PATIENCE_S):
         while alive(pid):  # noqa: ASYNC110  # a process of a process
             await trio.sleep(0.01)
-
-
-def alive(pid: int) -> bool:
-    try:
-        with open(f"/proc/{pid}/stat") as file:
-            return file.read().rpartition(")")[2].split()[0] != "Z"
-    except FileNotFoundError:
-        return False
 
 
 def with_channel(

@@ -26,7 +26,7 @@ from strands_actors.supervisors.gate.gate import Gate
 from strands_actors.supervisors.gate.messages import GetStatus, Resume
 from strands_actors.testing import Twin, WireLog
 from strands_actors.testing.bench import Bench, Caller, moving_robot
-from tests.answers import until
+from tests.answers import alive, until
 
 Start = Callable[..., tuple[RealRobot, Twin]]
 
@@ -161,11 +161,3 @@ def test_saf_018_a_wire_without_a_root_stays_for_a_motor_that_is_not_confirmed(
     assert bench[0].log.first_safe(healed_ns) is not None
     bench[0].log.no_setpoint_after_safe(killed_ns)
     bench[0].drop()
-
-
-def alive(pid: int) -> bool:
-    """Return whether a process exists and is not a zombie."""
-    try:
-        return Path(f"/proc/{pid}/stat").read_bytes().rpartition(b")")[2].split()[0] != b"Z"
-    except OSError:
-        return False

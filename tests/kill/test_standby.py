@@ -19,7 +19,7 @@ import pytest
 from strands_actors.caller.handle.robot import RealRobot
 from strands_actors.supervisors.standby.report import LOCK, REPORT, StandbyReport, holder, read
 from strands_actors.testing import Twin
-from tests.answers import pids, resumed, status, until, why
+from tests.answers import alive, pids, resumed, status, until, why
 
 Start = Callable[..., tuple[RealRobot, Twin]]
 
@@ -49,14 +49,6 @@ def moving(strands_robot: Start) -> Iterator[Callable[[str], tuple[RealRobot, Tw
     for pid in known:
         with contextlib.suppress(ProcessLookupError):
             os.kill(pid, KILL)
-
-
-def alive(pid: int) -> bool:
-    """Return whether a process exists and is not a zombie."""
-    try:
-        return Path(f"/proc/{pid}/stat").read_bytes().rpartition(b")")[2].split()[0] != b"Z"
-    except OSError:
-        return False
 
 
 def report_of(strands_run_dir: Path, robot: str) -> StandbyReport:

@@ -16,7 +16,7 @@ import pytest
 from strands_actors import MeshConfig, Robot, list_native_drivers
 from strands_actors.drivers.spot.robots import LEGS, TABLES
 from strands_actors.testing import Twin
-from tests.answers import json_of, until
+from tests.answers import alive, json_of, until
 from tests.house.test_packaging import build
 
 from .conftest import PLUGIN, Make
@@ -167,7 +167,7 @@ def test_saf_005_disconnecting_stops_reads_back_and_ends_the_tree_and_it_may_con
         arm.disconnect()
         assert not arm.is_connected
         twin.log.no_setpoint_after_safe(begun_ns)
-        until(lambda pids=processes: not any(map(runs, pids)), "its processes end")  # type: ignore[misc]
+        until(lambda pids=processes: not any(map(alive, pids)), "its processes end")  # type: ignore[misc]
     arm.connect()
     twin.fault("stuck:3")
     twin.fault("off:4")
@@ -237,10 +237,3 @@ def test_a_robot_of_another_host_is_stopped_and_goes_on_there(twin: Twin, make: 
     finally:
         os.environ["STRANDS_ACTORS_RUN"] = home
         here.cleanup()
-
-
-def runs(pid: int) -> bool:
-    try:
-        return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
-    except OSError:
-        return False

@@ -22,7 +22,7 @@ from strands_actors import Robot
 from strands_actors.contract.wire import WireDown
 from strands_actors.drivers.common.ports.ssh_forward import SshForward, command
 from strands_actors.testing import Twin
-from tests.answers import json_of, pids, state, until
+from tests.answers import alive, json_of, pids, state, until
 from tests.trees import connected, first_safe
 
 from .rig import act
@@ -50,14 +50,6 @@ def twin(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Twin]:
 
 def calls(log: Path) -> list[dict[str, Any]]:
     return [json.loads(line) for line in log.read_text().splitlines()] if log.exists() else []
-
-
-def runs(number: int) -> bool:
-    """Return True if the process exists and has not ended."""
-    try:
-        return Path(f"/proc/{number}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
-    except FileNotFoundError:
-        return False
 
 
 def test_ssh_asks_for_nothing_shares_nothing_and_takes_no_host_for_an_option() -> None:
@@ -105,11 +97,11 @@ def test_saf_003_a_duck_behind_ssh_is_stopped_through_the_roots_own(twin: Twin, 
         began_ns = time.monotonic_ns()
         os.kill(wire, signal.SIGKILL)
         first_safe(twin.log, began_ns)
-        until(lambda: not runs(by_parent[wire]), "the wire's ssh ends with it")
+        until(lambda: not alive(by_parent[wire]), "the wire's ssh ends with it")
         until(lambda: state(duck) == "disarmed", "a new wire, disarmed")
         twin.log.no_setpoint_after_safe(began_ns)
         json_of(duck.resume())
-    until(lambda: not any(runs(call["pid"]) for call in calls(log)), "no ssh is left behind")
+    until(lambda: not any(alive(call["pid"]) for call in calls(log)), "no ssh is left behind")
 
 
 @pytest.mark.long

@@ -17,7 +17,7 @@ from strands_actors import Robot, estop
 from strands_actors.caller.handle.robot import RealRobot
 from strands_actors.drivers import register_native_driver
 from strands_actors.surfaces.recording import read, replay
-from tests.answers import json_of, pids, state, status, task_ended, until, why
+from tests.answers import alive, json_of, pids, state, status, task_ended, until, why
 from tests.mesh.subscriber import Subscriber
 
 from .conftest import NewRobot
@@ -135,7 +135,7 @@ def test_saf_003_a_frozen_wire_process_is_fenced_before_another_one_calls_stop(
     os.kill(frozen, signal.SIGSTOP)
     frozen_ns = time.monotonic_ns()
     until(lambda: small_arm.said("stop", frozen_ns), "it is stopped")
-    assert not runs(frozen)
+    assert not alive(frozen)
     assert small_arm.said("goal", frozen_ns) == []
 
 
@@ -159,7 +159,7 @@ def test_saf_003_the_root_is_killed_and_the_wire_stops_its_own_object(
     os.kill(pids(robot)["root"], signal.SIGKILL)
     until(lambda: small_arm.said("bye", killed_ns), "it is given up")
     assert small_arm.said("stop", killed_ns)
-    until(lambda: not any(map(runs, left)), "nothing is left")
+    until(lambda: not any(map(alive, left)), "nothing is left")
 
 
 @pytest.mark.long
@@ -224,11 +224,6 @@ def test_saf_012_readings_that_fail_are_told_and_the_robot_is_stopped(
     until(lambda: status(robot)["connected"], "it is back")
     assert state(robot) == "disarmed"
     assert len(small_arm.said("goal")) == 1
-
-
-def runs(pid: int) -> bool:
-    status = Path(f"/proc/{pid}/stat")
-    return status.exists() and status.read_text().rpartition(")")[2].split()[0] != "Z"
 
 
 def spare_of(robot: RealRobot) -> int:
