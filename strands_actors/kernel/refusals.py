@@ -112,7 +112,7 @@ class Code(RefusalCode):
     UNKNOWN_POSE = (
         "unknown_pose",
         "a joint's position is not known",
-        "send an action that names all joints",
+        "use send_action(), naming all joints",
     )
     NO_POSITIONS = (
         "no_positions",

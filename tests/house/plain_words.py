@@ -4,14 +4,12 @@ A mark is a word that stands for a person or a thing without naming it ("who is 
 told"), or a word that engineers do not use for machines. Plain technical text has less than one in a
 thousand words.
 
-``python -m tests.house.plain_words FILE_OR_FOLDER ...`` prints each mark with its line, and
-``python -m tests.house.plain_words`` alone lowers the exceptions to what is there now.
+``python -m tests.house.plain_words FILE_OR_FOLDER ...`` prints each mark with its line.
 """
 
 from __future__ import annotations
 
 import ast
-import functools
 import io
 import re
 import sys
@@ -21,12 +19,9 @@ from math import ceil
 from pathlib import Path
 from typing import NamedTuple
 
-ROOT = Path(__file__).parents[2]
-EXCEPTIONS = Path(__file__).with_name("plain_words.txt")
-"""One line a file: how many marks it may have, and its path."""
+from .test_imports import ROOT
 
 FOLDERS = ("strands_actors", "supervisors", "drivers", "benchmarks", "examples", "plugins")
-PAGES = ("*.md", "docs/*.md", "docs/robots/*.md")
 MARKS_PER_WORD = 3 / 1000
 
 MARKS = re.compile(
@@ -90,13 +85,16 @@ def allowed(words: int) -> int:
     return max(1, ceil(MARKS_PER_WORD * words))
 
 
+def pages() -> list[Path]:
+    return sorted((*ROOT.glob("*.md"), *(ROOT / "docs").rglob("*.md")))
+
+
 def files() -> list[Path]:
-    sources = [path for folder in FOLDERS for path in (ROOT / folder).rglob("*.py")]
-    pages = [path for pattern in PAGES for path in ROOT.glob(pattern)]
-    return sorted({path.resolve() for path in (*sources, *pages)})
+    """Return the sources and pages. ``strands_actors`` has links to folders beside it: each file stands once."""
+    sources = (path for folder in FOLDERS for path in (ROOT / folder).rglob("*.py"))
+    return sorted({path.resolve() for path in (*sources, *pages())})
 
 
-@functools.cache
 def too_many() -> dict[str, int]:
     """Return the files with more marks than allowed, with the number of their marks."""
     counts = {}
@@ -108,21 +106,7 @@ def too_many() -> dict[str, int]:
     return counts
 
 
-def exceptions() -> dict[str, int]:
-    rows = (line.split(maxsplit=1) for line in EXCEPTIONS.read_text().splitlines())
-    return {path: int(count) for count, path in rows}
-
-
-def lower_exceptions() -> None:
-    """Write what is left of the exceptions. No file gets a new or a higher one."""
-    before = exceptions()
-    left = {path: min(count, before[path]) for path, count in too_many().items() if path in before}
-    EXCEPTIONS.write_text("".join(f"{count} {path}\n" for path, count in sorted(left.items())))
-
-
 def main(arguments: list[str]) -> None:
-    if not arguments:
-        lower_exceptions()
     for given in map(Path, arguments):
         for path in sorted(given.rglob("*.py")) if given.is_dir() else [given]:
             texts = prose_of(path)

@@ -17,13 +17,17 @@ import tokenize
 from collections.abc import Iterator
 from pathlib import Path
 
-from .plain_words import CODE, ROOT, files
+from .plain_words import files
+from .test_imports import ROOT
 
 COUNT = 50
 SEED = 20261129
 WORDS = 4
 """Shorter texts are left out."""
 
+FENCES = re.compile(r"^```.*?^```$", re.DOTALL | re.MULTILINE)
+LINK_TARGET = re.compile(r"\]\([^)\s]*\)")
+TO_TOOLS = re.compile(r"noqa|type: ignore|fmt: ")
 SENTENCE = re.compile(r"(?<=[.!?])\s+(?=[A-Z`*])")
 MESSAGES = {"Refused", "ValueError", "TypeError", "WireDown", "RuntimeError", "DatasetError"}
 """Calls that carry a message to the user."""
@@ -39,17 +43,21 @@ def docstrings(path: Path, tree: ast.Module) -> Iterator[str]:
 
 
 def comments(path: Path, source: str) -> Iterator[str]:
-    """Yield each block of comment lines as one text."""
+    """Yield each block of comment lines as one text. A comment behind code stands for itself."""
     block: list[str] = []
     last_line = 0
     for token in tokenize.generate_tokens(io.StringIO(source).readline):
-        if token.type != tokenize.COMMENT or "noqa" in token.string or "type:" in token.string:
+        if token.type != tokenize.COMMENT or TO_TOOLS.search(token.string):
             continue
-        if block and token.start[0] != last_line + 1:
+        line = token.start[0]
+        if not token.line.lstrip().startswith("#"):
+            yield f"{path}:{line}: {token.line.strip()}"
+            continue
+        if block and line != last_line + 1:
             yield f"{path}:{last_line}: {' '.join(block)}"
             block = []
         block.append(token.string.lstrip("# "))
-        last_line = token.start[0]
+        last_line = line
     if block:
         yield f"{path}:{last_line}: {' '.join(block)}"
 
@@ -63,7 +71,8 @@ def messages(path: Path, tree: ast.Module) -> Iterator[str]:
 
 
 def sentences(path: Path, page: str) -> Iterator[str]:
-    prose = "\n".join(line for line in CODE.sub("`code`", page).splitlines() if not line.startswith(("#", "|")))
+    text = LINK_TARGET.sub("]", FENCES.sub("", page))
+    prose = "\n".join(line for line in text.splitlines() if not line.startswith(("#", "|", "!")))
     for paragraph in prose.split("\n\n"):
         for sentence in SENTENCE.split(" ".join(paragraph.split())):
             yield f"{path}: {sentence}"

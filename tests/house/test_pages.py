@@ -1,4 +1,4 @@
-"""The pages' links lead somewhere, and the tests that they name exist."""
+"""The pages' links lead somewhere, and the files and tests that they name exist."""
 
 from __future__ import annotations
 
@@ -7,12 +7,21 @@ from pathlib import Path
 
 import pytest
 
-ROOT = Path(__file__).parents[2]
-PAGES = sorted((*ROOT.glob("*.md"), *ROOT.glob("docs/*.md"), *ROOT.glob("docs/robots/*.md")))
+from .plain_words import pages
+from .test_imports import PACKAGE, ROOT
+
+PAGES = pages()
 FENCES = re.compile(r"^```.*?^```$", re.DOTALL | re.MULTILINE)
 LINK = re.compile(r"\]\(([^)\s]+)\)")
 TEST = re.compile(r"`(test_\w+)`")
-TEST_FILE = re.compile(r"`(tests/[\w/.-]+)`")
+FILES = (
+    re.compile(
+        r"(?<![\w./<-])((?:tests|supervisors|drivers|strands_actors|benchmarks|examples|kernel|contract|policies)"
+        r"/[\w/.-]+\.(?:py|toml|md|html))"
+    ),
+    re.compile(r"`(tests/[\w/.-]+)`"),
+)
+"""Files of the house, and folders of tests."""
 
 
 def prose(page: Path) -> str:
@@ -39,11 +48,20 @@ def test_links_lead_to_files_and_headings_that_exist(page: Path) -> None:
     assert not broken
 
 
+def test_the_files_that_the_pages_name_exist() -> None:
+    missing = [
+        f"{page.relative_to(ROOT)}: {name}"
+        for page in PAGES
+        for files in FILES
+        for name in files.findall(page.read_text())
+        if not (ROOT / name).exists() and not (ROOT / PACKAGE / name).exists()
+    ]
+    assert missing == []
+
+
 def test_every_test_that_a_page_names_exists() -> None:
-    sources = "\n".join(path.read_text() for path in ROOT.glob("tests/**/test_*.py"))
-    there = set(re.findall(r"def (test_\w+)", sources))
-    for page in PAGES:
-        text = page.read_text()
-        named = set(TEST.findall(text)) - {path.stem for path in ROOT.glob("tests/**/test_*.py")}
-        assert named <= there, page
-        assert not [path for path in TEST_FILE.findall(text) if not (ROOT / path).exists()], page
+    there: set[str] = set()
+    for path in ROOT.glob("tests/**/test_*.py"):
+        there |= {path.stem, *re.findall(r"def (test_\w+)", path.read_text())}
+    missing = {page.name: named for page in PAGES if (named := set(TEST.findall(page.read_text())) - there)}
+    assert missing == {}

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from .plain_words import Text, exceptions, marks_of, prose_of_python, too_many
+from .plain_words import Text, marks_of, prose_of_python, too_many
 from .samples import COUNT, drawn
 
 RIDDLE = '''
@@ -22,17 +22,9 @@ def test_marks_are_found_in_docstrings_comments_and_strings_below_constants() ->
     assert list(marks_of([Text(1, "The gate refuses a setpoint that is late.")])) == []
 
 
-def test_no_file_has_more_marks_than_its_exception_allows() -> None:
-    allowed = exceptions()
-    more = {path: count for path, count in too_many().items() if count > allowed.get(path, 0)}
+def test_no_file_has_more_marks_than_allowed() -> None:
+    more = too_many()
     assert not more, f"write these more plainly (python -m tests.house.plain_words FILE): {more}"
-
-
-def test_the_exceptions_only_shrink() -> None:
-    """A file that was rewritten leaves the list."""
-    counts = too_many()
-    stale = {path: count for path, count in exceptions().items() if counts.get(path, 0) < count}
-    assert not stale, "run python -m tests.house.plain_words to lower the exceptions"
 
 
 def test_samples_for_a_reader_are_drawn_by_their_seed() -> None:

@@ -11,6 +11,7 @@ from typing import NamedTuple
 
 import pytest
 
+from .plain_words import pages
 from .test_imports import MODULES, PACKAGE, ROOT
 
 PUBLIC = (
@@ -50,7 +51,7 @@ def imports_of_page(where: str, text: str) -> Iterator[Used]:
 
 def all_used() -> list[Used]:
     found: list[Used] = []
-    for path in (*sorted(ROOT.glob("*.md")), *sorted((ROOT / "docs").rglob("*.md"))):
+    for path in pages():
         found += imports_of_page(str(path.relative_to(ROOT)), path.read_text())
     for path in sorted((ROOT / "examples").glob("*.py")):
         found += imports_in(str(path.relative_to(ROOT)), path.read_text())
@@ -89,22 +90,6 @@ def test_the_page_lists_every_public_module() -> None:
 def test_a_driver_can_be_written_on_the_contract_alone() -> None:
     source = (ROOT / "tests" / "fake_kinds.py").read_text()
     assert {used.module for used in imports_in("tests.fake_kinds", source)} == {f"{PACKAGE}.contract"}
-
-
-NAMED = re.compile(
-    r"(?<![\w./<-])((?:tests|supervisors|drivers|strands_actors|benchmarks|examples|kernel|contract|policies)"
-    r"/[\w/.-]+\.(?:py|toml|md|html))"
-)
-
-
-def test_the_files_that_the_docs_name_exist() -> None:
-    missing = [
-        f"{page.relative_to(ROOT)}: {name}"
-        for page in (ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").rglob("*.md")))
-        for name in NAMED.findall(page.read_text())
-        if not (ROOT / name).exists() and not (ROOT / PACKAGE / name).exists()
-    ]
-    assert missing == []
 
 
 # -- the rules themselves

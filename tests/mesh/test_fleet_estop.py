@@ -17,6 +17,7 @@ from strands_actors.caller.session.portal import portal
 from strands_actors.surfaces.mesh import estop_button, resume
 from strands_actors.testing import Twin
 from tests.answers import resumed
+from tests.trees import connected
 
 MOVES = {
     "so101": ("shoulder_pan", 20.0),
@@ -55,18 +56,8 @@ def fleet(tmp_path: Path) -> Iterator[dict[str, Member]]:
         members = {twin.robot: Member(twin, Robot(twin.robot, mode="real", port=twin.port)) for twin in twins}
         for member in members.values():
             stack.callback(member.robot.cleanup)
-        problems = list(at_once.map(connect, (member.robot for member in members.values())))
-        assert problems == [None] * len(members)
+        list(at_once.map(connected, (member.robot for member in members.values())))
         yield members
-
-
-def connect(robot: RealRobot) -> str | None:
-    problem = None
-    for _ in range(3):  # a twin that a busy machine lets wait counts as silent
-        problem = robot.connect_eagerly()
-        if problem is None:
-            break
-    return problem
 
 
 def move(kind: str, robot: RealRobot) -> str:

@@ -6,7 +6,8 @@ import pytest
 
 from strands_actors.caller.handle.robot import RealRobot
 from strands_actors.testing import Twin
-from tests.robot.conftest import NewArm, connected, new_arm, twin, twin_process
+from tests.robot.conftest import NewArm, new_arm, twin, twin_process
+from tests.trees import connected
 
 __all__ = ["arm", "new_arm", "twin", "twin_process"]
 

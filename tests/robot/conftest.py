@@ -12,6 +12,7 @@ import pytest
 from strands_actors import Robot
 from strands_actors.caller.handle.robot import RealRobot
 from strands_actors.testing import Twin
+from tests.trees import connected
 
 NewArm = Callable[..., RealRobot]
 
@@ -46,15 +47,6 @@ def new_arm(run_dir: Path) -> Iterator[NewArm]:
     yield new
     for arm in made:
         arm.cleanup()
-
-
-def connected(robot: RealRobot) -> RealRobot:
-    """Connect and arm a robot."""
-    for _ in range(3):  # a twin that a busy machine lets wait counts as silent: worth another try, here
-        problem = robot.connect_eagerly()
-        if problem is None:
-            return robot
-    pytest.fail(f"no arm to test with: {problem}")
 
 
 @pytest.fixture

@@ -16,6 +16,7 @@ from strands_actors import Robot
 from strands_actors.caller.handle.robot import RealRobot
 from strands_actors.testing import Twin
 from tests.answers import json_of, status, task, task_ended, until, why
+from tests.trees import connected
 
 from .helpers import IDS, goals
 
@@ -28,10 +29,7 @@ def bench(twin_process: Twin) -> Iterator[RealRobot]:
     """Connected once for all of this file; each test leaves it armed and still."""
     os.truncate(twin_process.log.path, 0)
     arm = Robot("so101", mode="real", port=twin_process.port)
-    for _ in range(3):  # a busy machine may keep a servo waiting
-        if (problem := arm.connect_eagerly()) is None:
-            break
-    assert problem is None
+    connected(arm)
     yield arm
     arm.cleanup()
     arm.cleanup()  # once more is nothing

@@ -12,6 +12,7 @@ from strands_actors import Robot
 from strands_actors.caller.handle.robot import RealRobot
 from strands_actors.testing import Twin
 from tests.answers import json_of, resumed, status, task, task_ended, until, why
+from tests.trees import connected
 
 from .test_reference_feetech import ask, hold
 
@@ -85,10 +86,7 @@ def bench_of(kind: str, joint: str, other: str, directory: Any) -> Iterator[Benc
         assert "not connected" in why(robot.run_policy(hold))
         assert "not connected" in why(ask(robot, action="sensors"))
         assert not task(robot)["running"]
-        for _ in range(3):  # a busy machine
-            if (problem := robot.connect_eagerly()) is None:
-                break
-        assert problem is None and robot.connect_eagerly() is None
+        assert connected(robot).connect_eagerly() is None
         yield Bench(robot, twin, joint, other)
         robot.cleanup()
         robot.cleanup()

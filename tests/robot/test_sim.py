@@ -25,6 +25,7 @@ from strands_actors.caller.session.tree import RobotTree
 from strands_actors.simulation.handle import SimulationError
 from strands_actors.testing import WireLog
 from tests.answers import json_of, pids, state, status, task_ended, until, why
+from tests.trees import connected
 
 from .helpers import at
 
@@ -74,11 +75,7 @@ def new_arm(new_sim: NewSim) -> Iterator[NewArm]:
 
     def new(sim: SimRobot, robot: str = "so101") -> RealRobot:
         made.append(Robot(robot, mode="real", transport="twin", sim=sim))
-        for _ in range(3):  # a busy machine may let the twin wait until it counts as silent
-            problem = made[-1].connect_eagerly()
-            if problem is None:
-                return made[-1]
-        pytest.fail(f"no arm to test with: {problem}")
+        return connected(made[-1])
 
     yield new
     for arm in made:
